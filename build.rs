@@ -1,0 +1,316 @@
+//! Compiles every kernel of `shaders/` to SPIR-V and writes the kernel table.
+//!
+//! Each `shaders/NAME.comp` is compiled once for every [`VARIANTS`] entry. From the SPIR-V itself
+//! come the bindings, their access, the push-constant size and the block layouts that the tests
+//! compare with the Rust structs. Every shader error is reported before the build fails.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::{env, fs, process};
+
+use rspirv::binary::Assemble;
+use rspirv::dr::{Instruction, Module, Operand};
+use rspirv::spirv::{Decoration, ExecutionMode, Op, StorageClass};
+
+#[path = "src/constants.rs"]
+mod constants;
+
+/// What differs between the builds of a kernel: it cannot be a specialization constant because
+/// it changes a descriptor's type or a required capability.
+const VARIANTS: [&[&str]; 4] = [
+    &[],
+    &["TEXEL_FETCH"],
+    &["SUBGROUP_BALLOT"],
+    &["TEXEL_FETCH", "SUBGROUP_BALLOT"],
+];
+
+fn main() {
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
+    let shaders = Path::new("shaders");
+    println!("cargo::rerun-if-changed=shaders");
+    println!("cargo::rerun-if-changed=src/constants.rs");
+
+    let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
+    let mut names: Vec<String> = fs::read_dir(shaders)
+        .expect("the folder shaders can be read")
+        .filter_map(|entry| {
+            let path = entry.expect("the folder shaders can be read").path();
+            (path.extension()? == "comp").then(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned())
+        })
+        .collect();
+    names.sort();
+
+    let mut table = String::new();
+    let mut structs: Vec<(String, String)> = Vec::new();
+    let mut errors = Vec::new();
+    writeln!(table, "/// Every kernel, sorted by name.\npub static KERNELS: &[Kernel] = &[").expect("strings grow");
+    for name in &names {
+        let source = fs::read_to_string(shaders.join(format!("{name}.comp"))).expect("a listed shader can be read");
+        writeln!(table, "    Kernel {{ name: {name:?}, variants: [").expect("strings grow");
+        for (index, macros) in VARIANTS.iter().enumerate() {
+            match compile(&compiler, shaders, name, &source, macros) {
+                Ok(module) => {
+                    let file = out.join(format!("{name}.{index}.spv"));
+                    let words = module.assemble();
+                    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_ne_bytes()).collect();
+                    fs::write(&file, bytes).expect("OUT_DIR can be written");
+                    let reflection = Reflection::of(&module);
+                    writeln!(table, "{}", reflection.entry(&file)).expect("strings grow");
+                    structs.extend(reflection.structs);
+                }
+                // The variants fail alike: one report a kernel is enough.
+                Err(_) if index > 0 => {}
+                Err(error) => errors.push(error),
+            }
+        }
+        writeln!(table, "    ] }},").expect("strings grow");
+    }
+    writeln!(table, "];").expect("strings grow");
+
+    structs.sort();
+    structs.dedup();
+    writeln!(table, "/// Every block and struct with a memory layout that some kernel declares.\npub static STRUCTS: &[StructLayout] = &[").expect("strings grow");
+    for (_, entry) in &structs {
+        writeln!(table, "    {entry},").expect("strings grow");
+    }
+    writeln!(table, "];").expect("strings grow");
+
+    if !errors.is_empty() {
+        eprintln!("{}", errors.join("\n"));
+        process::exit(1);
+    }
+    fs::write(out.join("kernels.rs"), table).expect("OUT_DIR can be written");
+}
+
+/// Compiles one variant of a kernel and forbids the driver to contract its arithmetic.
+fn compile(compiler: &shaderc::Compiler, shaders: &Path, name: &str, source: &str, macros: &[&str]) -> Result<Module, String> {
+    let mut options = shaderc::CompileOptions::new().expect("shaderc options start");
+    options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
+    options.set_optimization_level(shaderc::OptimizationLevel::Performance);
+    // Keeps the names that the reflection and the layout tests read.
+    options.set_generate_debug_info();
+    options.set_warnings_as_errors();
+    for name in macros {
+        options.add_macro_definition(name, Some("1"));
+    }
+    options.set_include_callback(|requested, _, _, _| {
+        let content = if requested == "constants.glsl" {
+            glsl_constants()
+        } else {
+            fs::read_to_string(shaders.join("include").join(requested)).map_err(|error| format!("{requested}: {error}"))?
+        };
+        Ok(shaderc::ResolvedInclude { resolved_name: format!("shaders/include/{requested}"), content })
+    });
+    let artifact = compiler
+        .compile_into_spirv(source, shaderc::ShaderKind::Compute, &format!("shaders/{name}.comp"), "main", Some(&options))
+        .map_err(|error| error.to_string())?;
+    let mut module = rspirv::dr::load_words(artifact.as_binary()).map_err(|error| format!("{name}: {error}"))?;
+    forbid_contraction(&mut module);
+    Ok(module)
+}
+
+fn glsl_constants() -> String {
+    constants::GLSL.iter().fold(String::new(), |mut text, (name, value)| {
+        writeln!(text, "#define {name} {value}u").expect("strings grow");
+        text
+    })
+}
+
+/// Decorates all float arithmetic NoContraction: two kernels that call the same function then
+/// compute the same bits, and the watertight edge tests keep their signs.
+fn forbid_contraction(module: &mut Module) {
+    let arithmetic = |op| {
+        matches!(
+            op,
+            Op::FAdd | Op::FSub | Op::FMul | Op::FDiv | Op::FNegate | Op::Dot | Op::VectorTimesScalar
+                | Op::MatrixTimesVector | Op::VectorTimesMatrix | Op::MatrixTimesScalar | Op::MatrixTimesMatrix
+        )
+    };
+    let mut decorations: Vec<Instruction> = module
+        .all_inst_iter()
+        .filter(|instruction| arithmetic(instruction.class.opcode))
+        .filter_map(|instruction| instruction.result_id)
+        .map(|id| Instruction::new(Op::Decorate, None, None, vec![Operand::IdRef(id), Operand::Decoration(Decoration::NoContraction)]))
+        .collect();
+    let already: Vec<Instruction> = module.annotations.clone();
+    decorations.retain(|decoration| !already.contains(decoration));
+    module.annotations.extend(decorations);
+}
+
+/// What the host must know of a kernel, read from its SPIR-V.
+struct Reflection {
+    bindings: Vec<String>,
+    push_constant_size: u32,
+    one_thread: bool,
+    structs: Vec<(String, String)>,
+}
+
+impl Reflection {
+    fn of(module: &Module) -> Self {
+        let mut bindings = Vec::new();
+        let mut push_constant_size = 0;
+        for variable in module.types_global_values.iter().filter(|i| i.class.opcode == Op::Variable) {
+            let id = variable.result_id.expect("a variable has an id");
+            let Operand::StorageClass(class) = variable.operands[0] else { continue };
+            let pointer = definition(module, variable.result_type.expect("a variable has a type"));
+            let pointee = definition(module, id_of(&pointer.operands[1]));
+            if class == StorageClass::PushConstant {
+                push_constant_size = struct_size(module, pointee);
+            }
+            let (Some(set), Some(binding)) = (decoration(module, id, Decoration::DescriptorSet), decoration(module, id, Decoration::Binding)) else { continue };
+            let kind = match (class, pointee.class.opcode) {
+                (StorageClass::Uniform, _) => "UniformBuffer",
+                (StorageClass::StorageBuffer, _) => "StorageBuffer",
+                (StorageClass::UniformConstant, Op::TypeSampledImage) => "UniformTexelBuffer",
+                _ => panic!("a binding of a kind that the host does not know: {variable:?}"),
+            };
+            let readonly = has_access(module, id, pointee, Decoration::NonWritable) || kind != "StorageBuffer";
+            let writeonly = has_access(module, id, pointee, Decoration::NonReadable);
+            let name = name_of(module, id);
+            bindings.push((
+                (set, binding),
+                format!("Binding {{ name: {name:?}, set: {set}, binding: {binding}, kind: BindingKind::{kind}, reads: {}, writes: {} }}", !writeonly, !readonly),
+            ));
+        }
+        bindings.sort();
+        let one_thread = !module.execution_modes.iter().any(|mode| matches!(mode.operands[1], Operand::ExecutionMode(ExecutionMode::LocalSizeId)))
+            && !module.annotations.iter().any(|i| i.operands.contains(&Operand::BuiltIn(rspirv::spirv::BuiltIn::WorkgroupSize)));
+        Self { bindings: bindings.into_iter().map(|(_, entry)| entry).collect(), push_constant_size, one_thread, structs: struct_layouts(module) }
+    }
+
+    fn entry(&self, file: &Path) -> String {
+        format!(
+            "        Variant {{ spirv: include_bytes!({:?}), bindings: &[{}], push_constant_size: {}, one_thread: {} }},",
+            file,
+            self.bindings.join(", "),
+            self.push_constant_size,
+            self.one_thread
+        )
+    }
+}
+
+fn definition(module: &Module, id: u32) -> &Instruction {
+    module
+        .types_global_values
+        .iter()
+        .find(|instruction| instruction.result_id == Some(id))
+        .expect("SPIR-V defines each type that it names")
+}
+
+fn id_of(operand: &Operand) -> u32 {
+    operand.id_ref_any().expect("the operand is an id")
+}
+
+fn name_of(module: &Module, id: u32) -> String {
+    module
+        .debug_names
+        .iter()
+        .find(|i| i.class.opcode == Op::Name && id_of(&i.operands[0]) == id)
+        .map(|i| i.operands[1].unwrap_literal_string().to_owned())
+        .unwrap_or_default()
+}
+
+fn member_name(module: &Module, id: u32, member: u32) -> String {
+    module
+        .debug_names
+        .iter()
+        .find(|i| i.class.opcode == Op::MemberName && id_of(&i.operands[0]) == id && i.operands[1] == Operand::LiteralBit32(member))
+        .map(|i| i.operands[2].unwrap_literal_string().to_owned())
+        .unwrap_or_default()
+}
+
+fn decoration(module: &Module, id: u32, wanted: Decoration) -> Option<u32> {
+    module
+        .annotations
+        .iter()
+        .find(|i| i.class.opcode == Op::Decorate && id_of(&i.operands[0]) == id && i.operands[1] == Operand::Decoration(wanted))
+        .map(|i| match i.operands.get(2) {
+            Some(Operand::LiteralBit32(value)) => *value,
+            _ => 1,
+        })
+}
+
+fn member_decoration(module: &Module, id: u32, member: u32, wanted: Decoration) -> Option<u32> {
+    module
+        .annotations
+        .iter()
+        .find(|i| {
+            i.class.opcode == Op::MemberDecorate
+                && id_of(&i.operands[0]) == id
+                && i.operands[1] == Operand::LiteralBit32(member)
+                && i.operands[2] == Operand::Decoration(wanted)
+        })
+        .map(|i| match i.operands.get(3) {
+            Some(Operand::LiteralBit32(value)) => *value,
+            _ => 1,
+        })
+}
+
+/// Whether the variable, or every member of its block, carries the access decoration.
+fn has_access(module: &Module, variable: u32, pointee: &Instruction, access: Decoration) -> bool {
+    let id = pointee.result_id.expect("a type has an id");
+    decoration(module, variable, access).is_some()
+        || (pointee.class.opcode == Op::TypeStruct
+            && (0..pointee.operands.len() as u32).all(|member| member_decoration(module, id, member, access).is_some()))
+}
+
+/// Bytes that a type takes up, by its explicit offsets and strides; 0 for a runtime array.
+fn type_size(module: &Module, id: u32) -> u32 {
+    let instruction = definition(module, id);
+    let literal = |index: usize| match instruction.operands[index] {
+        Operand::LiteralBit32(value) => value,
+        _ => panic!("a literal was expected in {instruction:?}"),
+    };
+    match instruction.class.opcode {
+        Op::TypeInt | Op::TypeFloat => literal(0) / 8,
+        Op::TypeVector => type_size(module, id_of(&instruction.operands[0])) * literal(1),
+        Op::TypeStruct => struct_size(module, instruction),
+        Op::TypeArray => {
+            let length = definition(module, id_of(&instruction.operands[1]));
+            let Operand::LiteralBit32(count) = length.operands[0] else { panic!("an array length is a 32-bit constant") };
+            decoration(module, id, Decoration::ArrayStride).unwrap_or(0) * count
+        }
+        Op::TypeRuntimeArray => 0,
+        other => panic!("a block member of a type that the host does not know: {other:?}"),
+    }
+}
+
+fn struct_size(module: &Module, instruction: &Instruction) -> u32 {
+    let id = instruction.result_id.expect("a type has an id");
+    instruction
+        .operands
+        .iter()
+        .enumerate()
+        .map(|(member, type_id)| member_decoration(module, id, member as u32, Decoration::Offset).unwrap_or(0) + type_size(module, id_of(type_id)))
+        .max()
+        .unwrap_or(0)
+}
+
+fn struct_layouts(module: &Module) -> Vec<(String, String)> {
+    let mut layouts = Vec::new();
+    for instruction in module.types_global_values.iter().filter(|i| i.class.opcode == Op::TypeStruct) {
+        let id = instruction.result_id.expect("a type has an id");
+        if member_decoration(module, id, 0, Decoration::Offset).is_none() {
+            continue;
+        }
+        let name = name_of(module, id);
+        let members: Vec<String> = instruction
+            .operands
+            .iter()
+            .enumerate()
+            .map(|(member, type_id)| {
+                let member = member as u32;
+                let type_id = id_of(type_id);
+                let stride = decoration(module, type_id, Decoration::ArrayStride).unwrap_or(0);
+                format!(
+                    "Member {{ name: {:?}, offset: {}, size: {}, array_stride: {stride} }}",
+                    member_name(module, id, member),
+                    member_decoration(module, id, member, Decoration::Offset).expect("every member of a laid-out struct has an offset"),
+                    type_size(module, type_id),
+                )
+            })
+            .collect();
+        layouts.push((name.clone(), format!("StructLayout {{ name: {name:?}, members: &[{}] }}", members.join(", "))));
+    }
+    layouts
+}

@@ -1,0 +1,21 @@
+// Adds the light of every shadow ray that nothing blocks. A path has one shadow ray a bounce, so
+// no two invocations add to the same slot.
+// Threads: one a current shadow ray. Reads: shadow rays, scene. Writes: radiances.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "constants.glsl"
+#include "path_state.glsl"
+#include "bvh.glsl"
+
+layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
+
+void main() {
+    uint place = gl_GlobalInvocationID.x;
+    if (place < control.current_shadow_rays) {
+        uint slot;
+        ShadowRay shadow = load_shadow_ray(place, slot);
+        if (!trace_any(shadow.ray, shadow.light, shadow_limit(shadow.light))) {
+            radiances.rgb[slot] += vec4(shadow.radiance, 0.0);
+        }
+    }
+}

@@ -1,0 +1,17 @@
+// Finds the nearest hit of every current ray.
+// Threads: one a current ray. Reads: ray queue, rays, scene. Writes: hits.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "constants.glsl"
+#include "path_state.glsl"
+#include "bvh.glsl"
+
+layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
+
+void main() {
+    uint place = gl_GlobalInvocationID.x;
+    if (place < control.current_rays) {
+        uint slot = current_ray(place);
+        store_hit(slot, trace_closest(load_ray(slot)));
+    }
+}

@@ -1,0 +1,54 @@
+// Set 1: the state of the paths in flight, the queues between kernels, and the film.
+//
+// Path state is indexed by path slot, shadow rays by their place in the shadow queue. Words are
+// bits, so that indices and floats can share a load.
+#ifndef BINDINGS_PATH_GLSL
+#define BINDINGS_PATH_GLSL
+
+#ifndef CONTROL_ACCESS
+#define CONTROL_ACCESS readonly
+#endif
+
+// Counts of the queues, arguments of the indirect dispatches, totals over the render.
+layout(set = 1, binding = 0, std430) CONTROL_ACCESS buffer Control {
+    uint current_rays;          // what extend and shade read
+    uint next_rays;             // what generate and shade append to
+    uint current_shadow_rays;   // what connect reads
+    uint next_shadow_rays;      // what shade appends to
+    uint ray_groups[3];         // workgroups of extend and shade
+    uint status;                // STATUS_* bits; 0 is well
+    uint shadow_groups[3];      // workgroups of connect
+    uint nonfinite_samples;     // left out of the film
+    uint bounce_rays[2];        // traced so far: low and high half
+    uint shadow_rays[2];
+} control;
+
+layout(set = 1, binding = 1, std430) buffer RayQueue { uint paths[]; } ray_queue;  // two halves
+layout(set = 1, binding = 2, std430) buffer RayOrigins { uvec4 words[]; } ray_origins;        // origin, triangle left
+layout(set = 1, binding = 3, std430) buffer RayDirections { uvec4 words[]; } ray_directions;  // direction, sees_emission
+layout(set = 1, binding = 4, std430) buffer Throughputs { vec4 rgb[]; } throughputs;
+layout(set = 1, binding = 5, std430) buffer Radiances { vec4 rgb[]; } radiances;
+layout(set = 1, binding = 6, std430) buffer Hits { uvec4 words[]; } hits;                     // triangle, barycentrics, distance
+layout(set = 1, binding = 7, std430) buffer ShadowOrigins { uvec4 words[]; } shadow_origins;        // origin, triangle left
+layout(set = 1, binding = 8, std430) buffer ShadowDirections { uvec4 words[]; } shadow_directions;  // direction, light triangle
+layout(set = 1, binding = 9, std430) buffer ShadowRadiances { uvec4 words[]; } shadow_radiances;    // radiance, path slot
+
+// Compensated sums over the samples of a pixel: value = sum + compensation.
+struct FilmPixel {
+    vec4 sum;
+    vec4 sum_compensation;
+    vec4 squares;
+    vec4 squares_compensation;
+};
+layout(set = 1, binding = 10, std430) buffer Film { FilmPixel pixels[]; } film;
+
+// The batch of samples in flight: slots run over pixels first, then over samples.
+layout(push_constant) uniform Batch {
+    uint first_pixel;
+    uint pixel_count;
+    uint first_sample;
+    uint sample_count;
+    uint bounce;
+} batch;
+
+#endif

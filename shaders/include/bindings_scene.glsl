@@ -1,0 +1,50 @@
+// Set 0: what does not change during a render. Read-only for every kernel.
+//
+// Each scene buffer is an array of 16-byte (textures, environment_aliases: 8-byte) words of bits.
+// With TEXEL_FETCH it is bound as a uniform texel buffer, which software devices read faster;
+// without it as a storage buffer, which may be larger on devices with few texels.
+#ifndef BINDINGS_SCENE_GLSL
+#define BINDINGS_SCENE_GLSL
+
+// Uniform over a render. Lengths are in normalised scene units, radiance in the scene's.
+layout(set = 0, binding = 0, std140) uniform Frame {
+    vec3 camera_eye;
+    float lens_radius;
+    vec3 camera_right;          // from the image centre to its right edge, at distance 1
+    float focus_distance;       // along the view axis
+    vec3 camera_up;             // from the image centre to its top edge, at distance 1
+    float roulette;             // q
+    vec3 camera_forward;        // unit
+    uint max_bounces;           // or UNBOUNDED
+    vec3 environment_radiance;  // of a constant environment
+    uint seed;
+    uint width;                 // pixels
+    uint height;
+    uint light_count;
+    float light_area;           // of all light triangles
+    uint environment_width;     // texels
+    uint environment_height;
+    uint path_capacity;         // path slots, and entries of each half of the ray queue
+} frame;
+
+#ifdef TEXEL_FETCH
+#define SCENE_BUFFER(BINDING, NAME, WORD, COMPONENTS) \
+    layout(set = 0, binding = BINDING) uniform usamplerBuffer NAME; \
+    WORD fetch_##NAME(uint index) { return texelFetch(NAME, int(index)).COMPONENTS; }
+#else
+#define SCENE_BUFFER(BINDING, NAME, WORD, COMPONENTS) \
+    layout(set = 0, binding = BINDING, std430) readonly buffer Buffer_##NAME { WORD words[]; } NAME; \
+    WORD fetch_##NAME(uint index) { return NAME.words[index]; }
+#endif
+
+SCENE_BUFFER(1, nodes, uvec4, xyzw)                // NODE_TEXELS a node
+SCENE_BUFFER(2, triangles, uvec4, xyzw)            // TRIANGLE_TEXELS a triangle, in leaf order
+SCENE_BUFFER(3, materials, uvec4, xyzw)            // MATERIAL_TEXELS a material
+SCENE_BUFFER(4, lights, uvec4, xyzw)               // triangle, alias threshold, alias, unused
+SCENE_BUFFER(5, normals, uvec4, xyzw)              // three octahedral normals, 1 if there are any
+SCENE_BUFFER(6, texture_coordinates, uvec2, xy)    // three a triangle
+SCENE_BUFFER(7, textures, uvec2, xy)               // size, then linear RGB as halves, per image
+SCENE_BUFFER(8, environment, uvec4, xyzw)          // radiance, probability of the texel
+SCENE_BUFFER(9, environment_aliases, uvec2, xy)    // alias threshold, alias
+
+#endif

@@ -1,0 +1,22 @@
+// The camera: a uniform point of the pixel (box filter), through a pinhole or a thin lens.
+#ifndef CAMERA_GLSL
+#define CAMERA_GLSL
+#include "geometry.glsl"
+#include "sampling.glsl"
+
+Ray camera_ray(uint pixel, vec4 u) {
+    vec2 image_size = vec2(frame.width, frame.height);
+    vec2 position = (vec2(pixel % frame.width, pixel / frame.width) + u.xy) / image_size;
+    vec3 direction = frame.camera_forward + (2.0 * position.x - 1.0) * frame.camera_right
+        + (1.0 - 2.0 * position.y) * frame.camera_up;
+    vec3 origin = frame.camera_eye;
+    if (HAS_LENS) {
+        vec2 lens = frame.lens_radius * sample_disk(u.zw);
+        vec3 shift = lens.x * normalize(frame.camera_right) + lens.y * normalize(frame.camera_up);
+        direction = frame.focus_distance * direction - shift;
+        origin += shift;
+    }
+    return Ray(origin, normalize(direction), NO_TRIANGLE);
+}
+
+#endif

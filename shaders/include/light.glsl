@@ -1,0 +1,118 @@
+// Light sampling: emitting triangles by area, and the environment.
+#ifndef LIGHT_GLSL
+#define LIGHT_GLSL
+#include "bsdf.glsl"
+
+const bool HAS_ENVIRONMENT = ENVIRONMENT != ENVIRONMENT_BLACK;
+
+// A point of light as a surface sees it.
+struct LightSample {
+    Ray ray;           // towards the light; reaches a triangle at 1 direction length
+    vec3 direction;    // unit
+    uint triangle;     // that emits, or NO_TRIANGLE for the environment
+    vec3 radiance;     // divided by its density over solid angle
+};
+
+// Radiance of the lat-long image at a texel, clamped at the poles and repeated around.
+vec3 environment_texel(ivec2 at) {
+    int width = int(frame.environment_width);
+    at.x = at.x < 0 ? at.x + width : at.x >= width ? at.x - width : at.x;
+    at.y = clamp(at.y, 0, int(frame.environment_height) - 1);
+    return uintBitsToFloat(fetch_environment(uint(at.y * width + at.x)).xyz);
+}
+
+// The centre column looks along -z, u grows towards +x, row 0 is +y.
+vec2 environment_uv(vec3 direction) {
+    return vec2(0.5 + atan(direction.x, -direction.z) / TWO_PI, acos(clamp(direction.y, -1.0, 1.0)) * INVERSE_PI);
+}
+
+vec3 environment_radiance(vec3 direction) {
+    if (ENVIRONMENT == ENVIRONMENT_LAT_LONG) {
+        vec2 p = environment_uv(direction) * vec2(frame.environment_width, frame.environment_height) - 0.5;
+        ivec2 corner = ivec2(floor(p));
+        vec2 f = p - vec2(corner);
+        vec3 top = mix(environment_texel(corner), environment_texel(corner + ivec2(1, 0)), f.x);
+        vec3 bottom = mix(environment_texel(corner + ivec2(0, 1)), environment_texel(corner + ivec2(1, 1)), f.x);
+        return mix(top, bottom, f.y);
+    }
+    return frame.environment_radiance;
+}
+
+// One of `count` equal cells, its own pick or its alias. (Walker 1974)
+uint pick_cell(float u, uint count) { return min(uint(u * float(count)), count - 1u); }
+
+// A texel by its probability, then a direction uniform in its solid angle. The density is
+// exact for the texel, and the bilinear radiance is zero wherever the density is.
+LightSample sample_lat_long(Surface surface, vec4 u) {
+    uint count = frame.environment_width * frame.environment_height;
+    uint cell = pick_cell(u.x, count);
+    uvec2 alias = fetch_environment_aliases(cell);
+    cell = u.y < uintBitsToFloat(alias.x) ? cell : alias.y;
+    float probability = uintBitsToFloat(fetch_environment(cell).w);
+    vec2 size = vec2(frame.environment_width, frame.environment_height);
+    vec2 corner = vec2(cell % frame.environment_width, cell / frame.environment_width);
+    float phi = TWO_PI * ((corner.x + u.z) / size.x - 0.5);
+    // Uniform in the cosine between the texel's edges. Their difference as a product of sines
+    // keeps its precision at the poles.
+    float top = PI * corner.y / size.y;
+    float height = PI / size.y;
+    float cos_range = 2.0 * sin(top + 0.5 * height) * sin(0.5 * height);
+    float cos_theta = cos(top) - u.w * cos_range;
+    float sin_theta = sqrt(max(0.0, 1.0 - cos_theta * cos_theta));
+    vec3 direction = vec3(sin_theta * sin(phi), cos_theta, -sin_theta * cos(phi));
+    float pdf = probability / (TWO_PI / size.x * cos_range);
+    return LightSample(leave(surface, direction), direction, NO_TRIANGLE, environment_radiance(direction) / pdf);
+}
+
+// From a constant environment the cosine alone matters: sampled like the Lambert lobe.
+LightSample sample_constant(Surface surface, vec3 wo, vec2 u) {
+    vec3 n = surface.shading_normal * side_of(surface, wo);
+    vec3 direction = sample_cosine(n, u);
+    float pdf = dot(n, direction) * INVERSE_PI;
+    vec3 radiance = pdf > 0.0 ? frame.environment_radiance / pdf : vec3(0.0);
+    return LightSample(leave(surface, direction), direction, NO_TRIANGLE, radiance);
+}
+
+// A point uniform over the area of all lights.
+LightSample sample_triangles(Surface surface, vec4 u) {
+    uvec4 light = fetch_lights(pick_cell(u.x, frame.light_count));
+    uint triangle = light.x;
+    if (u.y >= uintBitsToFloat(light.y)) {
+        triangle = fetch_lights(light.z).x;
+    }
+    Triangle t = fetch_triangle(triangle);
+    vec3 normal = geometric_normal(t);
+    vec3 error;
+    vec3 point = interpolate_position(t, sample_triangle(u.zw), error);
+    vec3 direction = normalize(point - surface.position);
+    Ray ray = leave(surface, direction);
+    ray.direction = offset_from_plane(point, error, normal) - ray.origin;
+    float distance2 = dot(ray.direction, ray.direction);
+    float cos_light = -dot(normal, direction);
+    vec3 ke = uintBitsToFloat(fetch_materials(MATERIAL_TEXELS * t.material + 2u).xyz);
+    // Light leaves the front side alone; area becomes solid angle.
+    vec3 radiance = cos_light > 0.0 && distance2 > 0.0 ? ke * (cos_light * frame.light_area / distance2) : vec3(0.0);
+    return LightSample(ray, direction, triangle, radiance);
+}
+
+// One sample of all light: with both kinds present, half the samples go to each.
+LightSample sample_light(Surface surface, vec3 wo, vec4 u) {
+    bool both = HAS_LIGHTS && HAS_ENVIRONMENT;
+    bool far = HAS_ENVIRONMENT && (!HAS_LIGHTS || u.x < 0.5);
+    float scale = both ? 2.0 : 1.0;
+    u.x = both ? 2.0 * u.x - (far ? 0.0 : 1.0) : u.x;
+    LightSample light;
+    if (HAS_ENVIRONMENT && far) {
+        if (ENVIRONMENT == ENVIRONMENT_LAT_LONG) {
+            light = sample_lat_long(surface, u);
+        } else {
+            light = sample_constant(surface, wo, u.zw);
+        }
+    } else {
+        light = sample_triangles(surface, u);
+    }
+    light.radiance *= scale;
+    return light;
+}
+
+#endif

@@ -1,0 +1,112 @@
+// The path tracer: what happens at one vertex. Every scheduler calls these functions and keeps
+// the state; nothing here reads or writes a queue or a path buffer.
+#ifndef PATH_GLSL
+#define PATH_GLSL
+#include "camera.glsl"
+#include "light.glsl"
+#include "random.glsl"
+
+const bool EXPLICIT = INTEGRATOR == INTEGRATOR_EXPLICIT;
+
+struct Path {
+    uint pixel;
+    uint sample_index;
+    uint bounce;         // scattering events so far
+    Ray ray;             // to the next vertex
+    vec3 throughput;
+    bool sees_emission;  // whether light found by the ray counts
+};
+
+struct ShadowRay {
+    Ray ray;
+    uint light;     // triangle it may touch, or NO_TRIANGLE for the environment
+    vec3 radiance;  // that arrives at the pixel if nothing blocks it; zero for no ray
+};
+
+// What a vertex gives: light found, a shadow ray, and whether the path goes on.
+struct Vertex {
+    vec3 emission;
+    ShadowRay shadow;
+    bool continues;
+};
+
+const float INFINITY = uintBitsToFloat(0x7f800000u);
+
+// How far a shadow ray must be free, in lengths of its direction.
+float shadow_limit(uint light) { return light == NO_TRIANGLE ? INFINITY : 1.0; }
+
+Path begin_path(uint pixel, uint sample_index) {
+    vec4 u = random4(pixel, sample_index, CAMERA_BLOCK, frame.seed);
+    return Path(pixel, sample_index, 0u, camera_ray(pixel, u), vec3(1.0), true);
+}
+
+Vertex ended(vec3 emission) {
+    ShadowRay none;
+    none.ray = Ray(vec3(0.0), vec3(0.0), NO_TRIANGLE);
+    none.light = NO_TRIANGLE;
+    none.radiance = vec3(0.0);
+    return Vertex(emission, none, false);
+}
+
+// The path left the scene.
+Vertex shade_miss(Path path) {
+    bool lit = HAS_ENVIRONMENT && path.sees_emission;
+    return ended(lit ? path.throughput * environment_radiance(path.ray.direction) : vec3(0.0));
+}
+
+// The path met a surface: it finds a lamp, or gathers light and scatters.
+Vertex shade_hit(inout Path path, Hit hit) {
+    Surface surface = surface_at(hit);
+    Material material = fetch_material(surface.material, surface.uv);
+    vec3 wo = -path.ray.direction;
+    if (material.surface == SURFACE_EMITTER) {
+        bool lit = path.sees_emission && side_of(surface, wo) > 0.0;
+        return ended(lit ? path.throughput * material.ke : vec3(0.0));
+    }
+    Vertex vertex = ended(vec3(0.0));
+    if (path.bounce == frame.max_bounces) {
+        return vertex;
+    }
+    bool specular = is_specular(material);
+
+    // Sample a light, unless the surface answers to one direction only.
+    if (EXPLICIT && (HAS_LIGHTS || HAS_ENVIRONMENT)) {
+        LightSample light = sample_light(surface, wo, random4(path.pixel, path.sample_index, light_block(path.bounce), frame.seed));
+        float pdf;
+        vec3 value = evaluate_glossy(material, surface, wo, light.direction, pdf);
+        vertex.shadow.ray = light.ray;
+        vertex.shadow.light = light.triangle;
+        vertex.shadow.radiance = specular ? vec3(0.0) : path.throughput * value * light.radiance;
+    }
+    // A last bounce that is not specular has all its light now.
+    if (EXPLICIT && !specular && path.bounce + 1u == frame.max_bounces) {
+        return vertex;
+    }
+
+    // Stop with probability q.
+    vec4 u = random4(path.pixel, path.sample_index, scatter_block(path.bounce), frame.seed);
+    if (HAS_ROULETTE) {
+        if (u.x < frame.roulette) {
+            return vertex;
+        }
+        path.throughput /= 1.0 - frame.roulette;
+    }
+
+    // Scatter by the BRDF.
+    Scatter scatter;
+    if (HAS_SPECULAR && specular) {
+        scatter = scatter_specular(material, surface, wo, u.y);
+    } else {
+        scatter = scatter_glossy(material, surface, wo, u.y, u.zw);
+    }
+    path.throughput *= scatter.weight;
+    path.ray = leave(surface, scatter.direction);
+    path.bounce += 1u;
+    path.sees_emission = !EXPLICIT || specular;
+    vertex.continues = any(greaterThan(path.throughput, vec3(0.0)));
+    return vertex;
+}
+
+bool carries_light(ShadowRay shadow) { return any(notEqual(shadow.radiance, vec3(0.0))); }
+
+#endif

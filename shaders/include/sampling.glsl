@@ -1,0 +1,47 @@
+// Warps from the unit square, each with its density.
+#ifndef SAMPLING_GLSL
+#define SAMPLING_GLSL
+
+const float PI = 3.14159265358979;
+const float TWO_PI = 6.28318530717959;
+const float INVERSE_PI = 0.318309886183791;
+
+// Two unit vectors that complete n to an orthonormal basis. (Duff et al. 2017)
+void basis(vec3 n, out vec3 tangent, out vec3 bitangent) {
+    float s = n.z >= 0.0 ? 1.0 : -1.0;
+    float a = -1.0 / (s + n.z);
+    float b = n.x * n.y * a;
+    tangent = vec3(1.0 + s * n.x * n.x * a, s * b, -s * n.x);
+    bitangent = vec3(b, s + n.y * n.y * a, -n.y);
+}
+
+// A direction at cosine cos_theta from the unit axis.
+vec3 around(vec3 axis, float cos_theta, float phi) {
+    vec3 tangent, bitangent;
+    basis(axis, tangent, bitangent);
+    float sin_theta = sqrt(max(0.0, 1.0 - cos_theta * cos_theta));
+    return tangent * (sin_theta * cos(phi)) + bitangent * (sin_theta * sin(phi)) + axis * cos_theta;
+}
+
+// Density cos / pi over solid angle.
+vec3 sample_cosine(vec3 n, vec2 u) { return around(n, sqrt(1.0 - u.x), TWO_PI * u.y); }
+
+// Density (exponent + 1) / (2 pi) cos^exponent over solid angle.
+vec3 sample_cosine_power(vec3 axis, float exponent, vec2 u) {
+    return around(axis, pow(1.0 - u.x, 1.0 / (exponent + 1.0)), TWO_PI * u.y);
+}
+
+// Uniform over the unit disk. (Shirley and Chiu 1997)
+vec2 sample_disk(vec2 u) {
+    float r = sqrt(u.x);
+    float phi = TWO_PI * u.y;
+    return vec2(r * cos(phi), r * sin(phi));
+}
+
+// Barycentrics of the second and third vertex, uniform over the triangle's area.
+vec2 sample_triangle(vec2 u) {
+    float s = sqrt(u.x);
+    return vec2(s * (1.0 - u.y), s * u.y);
+}
+
+#endif

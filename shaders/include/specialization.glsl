@@ -1,0 +1,23 @@
+// What a pipeline is built for: the host sets these from the scene's features, and the driver
+// removes the code of all that the scene does not need.
+#ifndef SPECIALIZATION_GLSL
+#define SPECIALIZATION_GLSL
+#include "constants.glsl"
+
+layout(constant_id = SPEC_STACK_SIZE) const uint STACK_SIZE = 64u;
+layout(constant_id = SPEC_INTEGRATOR) const uint INTEGRATOR = INTEGRATOR_EXPLICIT;
+layout(constant_id = SPEC_ENVIRONMENT) const uint ENVIRONMENT = ENVIRONMENT_BLACK;
+layout(constant_id = SPEC_HAS_LIGHTS) const bool HAS_LIGHTS = true;
+layout(constant_id = SPEC_HAS_PHONG) const bool HAS_PHONG = true;
+layout(constant_id = SPEC_HAS_MIRROR) const bool HAS_MIRROR = true;
+layout(constant_id = SPEC_HAS_REFRACTIVE) const bool HAS_REFRACTIVE = true;
+layout(constant_id = SPEC_HAS_DIELECTRIC) const bool HAS_DIELECTRIC = true;
+layout(constant_id = SPEC_HAS_TEXTURES) const bool HAS_TEXTURES = true;
+layout(constant_id = SPEC_HAS_NORMALS) const bool HAS_NORMALS = true;
+layout(constant_id = SPEC_HAS_LENS) const bool HAS_LENS = true;
+layout(constant_id = SPEC_HAS_ROULETTE) const bool HAS_ROULETTE = true;
+
+const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
+const bool HAS_SPECULAR = HAS_MIRROR || HAS_GLASS;
+
+#endif

@@ -1,0 +1,52 @@
+// Shades the hit of every current ray: adds the light it found, queues its shadow ray and, where
+// the path goes on, its next ray.
+// Threads: one a current ray. Reads: ray queue, path state, hits, scene.
+// Writes: path state, radiances, shadow rays, the next half of the ray queue.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#ifdef SUBGROUP_BALLOT
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_ballot : require
+#endif
+#include "constants.glsl"
+#define CONTROL_ACCESS
+#include "path_state.glsl"
+#include "append.glsl"
+
+layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
+
+void main() {
+    uint place = gl_GlobalInvocationID.x;
+    bool active = place < control.current_rays;
+    uint slot = 0u;
+    Path path;
+    Vertex vertex = ended(vec3(0.0));
+    if (active) {
+        slot = current_ray(place);
+        path = load_path(slot);
+        Hit hit = load_hit(slot);
+        if (hit.triangle == NO_TRIANGLE) {
+            vertex = shade_miss(path);
+        } else {
+            vertex = shade_hit(path, hit);
+        }
+        if (any(notEqual(vertex.emission, vec3(0.0)))) {
+            radiances.rgb[slot] += vec4(vertex.emission, 0.0);
+        }
+    }
+
+    uint shadow_place;
+    bool casts = active && carries_light(vertex.shadow);
+    APPEND(control.next_shadow_rays, casts, shadow_place)
+    if (casts) {
+        store_shadow_ray(shadow_place, slot, vertex.shadow);
+    }
+
+    uint next_place;
+    bool continues = active && vertex.continues;
+    APPEND(control.next_rays, continues, next_place)
+    if (continues) {
+        store_path(slot, path);
+        ray_queue.paths[((batch.bounce + 1u) & 1u) * frame.path_capacity + next_place] = slot;
+    }
+}

@@ -1,0 +1,90 @@
+//! Constants that Rust and GLSL share, each with its reason. `build.rs` includes this file and
+//! writes `constants.glsl` from [`GLSL`], so that a number has one source.
+
+/// Declares `u32` constants and lists them for the GLSL side.
+macro_rules! shared_constants {
+    ($($(#[$doc:meta])* $name:ident = $value:expr;)*) => {
+        $($(#[$doc])* pub const $name: u32 = $value;)*
+        /// Every shared constant, for the GLSL side.
+        pub const GLSL: &[(&str, u32)] = &[$((stringify!($name), $value)),*];
+    };
+}
+
+shared_constants! {
+    /// Says that a ray leaves no triangle, or that it hit none.
+    NO_TRIANGLE = u32::MAX;
+
+    /// Bit of a BVH child reference that tells a leaf from an inner node.
+    LEAF_BIT = 1 << 31;
+    /// Where a leaf reference keeps its triangle count; the bits under it are its first triangle.
+    LEAF_COUNT_SHIFT = 27;
+    /// Most triangles a leaf can hold: the count has 4 bits, and 15 is kept for `TRAVERSAL_DONE`.
+    LEAF_MAX_TRIANGLES = 8;
+    /// The reference at the bottom of the traversal stack: it looks like a leaf, so that it ends
+    /// the walk over inner nodes too.
+    TRAVERSAL_DONE = u32::MAX;
+    /// 16-byte texels of a BVH node.
+    NODE_TEXELS = 4;
+    /// 16-byte texels of a triangle.
+    TRIANGLE_TEXELS = 3;
+    /// 16-byte texels of a material.
+    MATERIAL_TEXELS = 4;
+
+    /// Lambert plus Phong lobe.
+    SURFACE_GLOSSY = 0;
+    /// Perfect mirror.
+    SURFACE_MIRROR = 1;
+    /// Snell refraction without Fresnel split.
+    SURFACE_REFRACTIVE = 2;
+    /// Fresnel dielectric.
+    SURFACE_DIELECTRIC = 3;
+    /// Pure emitter.
+    SURFACE_EMITTER = 4;
+
+    /// No light from infinity.
+    ENVIRONMENT_BLACK = 0;
+    /// The same radiance from everywhere.
+    ENVIRONMENT_CONSTANT = 1;
+    /// A lat-long image.
+    ENVIRONMENT_LAT_LONG = 2;
+
+    /// Only BRDF sampling finds light.
+    INTEGRATOR_IMPLICIT = 0;
+    /// A light sample at every non-specular vertex.
+    INTEGRATOR_EXPLICIT = 1;
+
+    /// `max_bounces` of an unbounded path.
+    UNBOUNDED = u32::MAX;
+
+    /// A traversal ran out of stack: its image is wrong.
+    STATUS_STACK_OVERFLOW = 1;
+    /// A queue ran out of room: its image is wrong.
+    STATUS_QUEUE_OVERFLOW = 2;
+
+    /// Workgroup size of every kernel but those of one thread.
+    SPEC_WORKGROUP_SIZE = 0;
+    /// Entries of the traversal stack.
+    SPEC_STACK_SIZE = 1;
+    /// One of `INTEGRATOR_*`.
+    SPEC_INTEGRATOR = 2;
+    /// One of `ENVIRONMENT_*`.
+    SPEC_ENVIRONMENT = 3;
+    /// Whether some triangle emits.
+    SPEC_HAS_LIGHTS = 4;
+    /// Whether some material has a Phong lobe.
+    SPEC_HAS_PHONG = 5;
+    /// Whether some material is a mirror.
+    SPEC_HAS_MIRROR = 6;
+    /// Whether some material refracts without Fresnel split.
+    SPEC_HAS_REFRACTIVE = 7;
+    /// Whether some material is a Fresnel dielectric.
+    SPEC_HAS_DIELECTRIC = 8;
+    /// Whether some material has a texture.
+    SPEC_HAS_TEXTURES = 9;
+    /// Whether some triangle has shading normals.
+    SPEC_HAS_NORMALS = 10;
+    /// Whether the camera has a lens.
+    SPEC_HAS_LENS = 11;
+    /// Whether q > 0.
+    SPEC_HAS_ROULETTE = 12;
+}

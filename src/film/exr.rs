@@ -1,0 +1,233 @@
+//! OpenEXR: three `f32` channels, ZIP compressed, with metadata as text attributes.
+//!
+//! The `exr` crate keeps custom attributes in a hash map, so it neither writes them in a fixed
+//! order nor tells the order in a file. The same image would give different bytes from run to run.
+//! Text attributes therefore pass through this module's own few lines, which put them into, and
+//! take them out of, the header as the [file layout] lays it down:
+//! magic, version, (name NUL type NUL size value)*, NUL, table of chunk offsets, chunks.
+//!
+//! [file layout]: https://openexr.com/en/latest/OpenEXRFileLayout.html
+
+use std::io::{self, BufRead, Cursor, Read};
+use std::path::Path;
+
+use exr::{
+    image::{
+        AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer, SpecificChannels,
+        read, write::WritableImage,
+    },
+    math::Vec2,
+    meta::{MetaData, header::LayerAttributes},
+    prelude::{ReadChannels, ReadLayers},
+};
+use glam::Vec3;
+
+use super::{FilmError, Image, files::check_size};
+
+const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+/// Bytes before the first attribute: magic and version.
+const PREAMBLE: usize = 8;
+/// Bit of the version field that admits names of more than 31 bytes.
+const LONG_NAMES: u32 = 0x400;
+/// Longest name that the format admits.
+const MAX_NAME: usize = 255;
+/// Scanlines in one chunk of ZIP compression.
+const LINES_PER_CHUNK: usize = 16;
+/// Text attributes that say how the file is built, not how the image was made.
+const STRUCTURAL: [&str; 2] = ["type", "name"];
+
+/// Says which rule a metadata key breaks. A dot is asked for because no standard attribute has
+/// one: a key can never change what the file means.
+pub fn key_fault(key: &str) -> Option<&'static str> {
+    if key.len() > MAX_NAME || key.contains('\0') {
+        Some("use at most 255 bytes and no NUL")
+    } else if !key.contains('.') {
+        Some("a key must contain a dot, as in raywave.samples")
+    } else {
+        None
+    }
+}
+
+/// The image as an EXR file. The keys of `metadata` have passed [`key_fault`] and differ.
+pub fn encode(image: &Image, metadata: &[(String, String)]) -> Result<Vec<u8>, String> {
+    let (width, height) = (image.width as usize, image.height as usize);
+    let channels = SpecificChannels::rgb(|Vec2(x, y): Vec2<usize>| {
+        let pixel = image.pixels[y * width + x];
+        (pixel.x, pixel.y, pixel.z)
+    });
+    let layer = Layer::new(
+        (width, height),
+        LayerAttributes::default(),
+        // ZIP in increasing order of lines: the bytes do not depend on which thread was faster.
+        Encoding::SMALL_LOSSLESS,
+        channels,
+    );
+    let mut bytes = Vec::new();
+    ExrImage::from_layer(layer)
+        .write()
+        .to_buffered(Cursor::new(&mut bytes))
+        .map_err(|error| error.to_string())?;
+    insert_metadata(bytes, metadata, height.div_ceil(LINES_PER_CHUNK))
+        .map_err(|error| error.to_string())
+}
+
+/// Adds text attributes at the end of the header and moves the chunk offsets accordingly.
+fn insert_metadata(
+    mut file: Vec<u8>,
+    metadata: &[(String, String)],
+    chunks: usize,
+) -> io::Result<Vec<u8>> {
+    let mut reader = Cursor::new(&file[PREAMBLE..]);
+    while Attribute::read(&mut reader)?.is_some() {}
+    // The reader stands behind the NUL that ends the header.
+    let table = PREAMBLE + reader.position() as usize;
+
+    let mut attributes = Vec::new();
+    for (key, text) in metadata {
+        let size = i32::try_from(text.len())
+            .map_err(|_| io::Error::other(format!("the metadata {key} exceeds 2 GiB")))?;
+        attributes.extend([key.as_bytes(), b"\0string\0", &size.to_le_bytes()].concat());
+        attributes.extend(text.as_bytes());
+    }
+
+    if metadata.iter().any(|(key, _)| key.len() > 31) {
+        let version: [u8; 4] = std::array::from_fn(|i| file[4 + i]);
+        let version = u32::from_le_bytes(version) | LONG_NAMES;
+        file[4..PREAMBLE].copy_from_slice(&version.to_le_bytes());
+    }
+    let (offsets, _) = file[table..table + 8 * chunks].as_chunks_mut::<8>();
+    for offset in offsets {
+        *offset = (u64::from_le_bytes(*offset) + attributes.len() as u64).to_le_bytes();
+    }
+    file.splice(table - 1..table - 1, attributes);
+    Ok(file)
+}
+
+/// The text attributes of the first part, in the order of the file.
+pub fn text_attributes(mut reader: impl BufRead) -> io::Result<Vec<(String, String)>> {
+    let mut preamble = [0; PREAMBLE];
+    reader.read_exact(&mut preamble)?;
+    if preamble[..4] != MAGIC {
+        return Err(io::Error::other(
+            "it does not begin with the EXR magic number",
+        ));
+    }
+    let mut texts = Vec::new();
+    while let Some(attribute) = Attribute::read(&mut reader)? {
+        if attribute.kind == "string" && !STRUCTURAL.contains(&attribute.name.as_str()) {
+            let text = String::from_utf8_lossy(&attribute.value).into_owned();
+            texts.push((attribute.name, text));
+        }
+    }
+    Ok(texts)
+}
+
+/// One header entry.
+struct Attribute {
+    name: String,
+    kind: String,
+    value: Vec<u8>,
+}
+
+impl Attribute {
+    /// The next attribute, or `None` behind the NUL that ends the header.
+    fn read(reader: &mut impl BufRead) -> io::Result<Option<Self>> {
+        let name = read_name(reader)?;
+        if name.is_empty() {
+            return Ok(None);
+        }
+        let kind = read_name(reader)?;
+        let mut size = [0; 4];
+        reader.read_exact(&mut size)?;
+        let size = u64::try_from(i32::from_le_bytes(size))
+            .map_err(|_| io::Error::other(format!("the attribute {name} has a negative size")))?;
+        let mut value = Vec::new();
+        reader.take(size).read_to_end(&mut value)?;
+        if value.len() as u64 != size {
+            return Err(io::Error::other(format!(
+                "it ends within the attribute {name}"
+            )));
+        }
+        Ok(Some(Self { name, kind, value }))
+    }
+}
+
+fn read_name(reader: &mut impl BufRead) -> io::Result<String> {
+    let mut name = Vec::new();
+    reader.take(MAX_NAME as u64 + 1).read_until(0, &mut name)?;
+    if name.pop() != Some(0) {
+        return Err(io::Error::other("its header is damaged"));
+    }
+    Ok(String::from_utf8_lossy(&name).into_owned())
+}
+
+/// Reads colour from the first part that has any; `f16`, `f32` and `u32` channels, any lossless or
+/// lossy compression, scanlines or tiles. The data window becomes the image. Alpha and all other
+/// channels are left aside.
+pub fn decode(path: &Path, bytes: &[u8]) -> Result<Image, FilmError> {
+    let damaged = |error: exr::error::Error| FilmError::decode(path, "EXR", error);
+    // The header first: it is small, and says whether the rest fits into memory.
+    let meta = MetaData::read_from_buffered(bytes, false).map_err(damaged)?;
+    for header in &meta.headers {
+        check_size(
+            path,
+            header.layer_size.width() as u64,
+            header.layer_size.height() as u64,
+        )?;
+    }
+    let file = read::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(damaged)?;
+
+    for layer in &file.layer_data {
+        if let Some(colour) = colour_channels(&layer.channel_data) {
+            let [mut r, mut g, mut b] = colour.map(|channel| channel.sample_data.values_as_f32());
+            let pixels: Vec<Vec3> =
+                std::iter::from_fn(|| Some(Vec3::new(r.next()?, g.next()?, b.next()?))).collect();
+            let Vec2(width, height) = layer.size;
+            return Ok(Image::new(width as u32, height as u32, pixels));
+        }
+    }
+    let names = file.layer_data.iter().flat_map(|layer| {
+        let channels = layer.channel_data.list.iter();
+        channels.map(|channel| channel.name.to_string())
+    });
+    Err(FilmError::NoColour {
+        path: path.to_path_buf(),
+        channels: names.collect::<Vec<_>>().join(", "),
+    })
+}
+
+/// The channels that hold red, green and blue: `R`, `G`, `B` if there are any, else the first
+/// group `group.R`, `group.G`, `group.B`, else luminance `Y` for all three.
+fn colour_channels(channels: &AnyChannels<FlatSamples>) -> Option<[&AnyChannel<FlatSamples>; 3]> {
+    let find = |name: &str| {
+        let mut list = channels.list.iter();
+        // A subsampled channel has fewer values than pixels: the Y, RY, BY of video.
+        list.find(|channel| channel.name == *name && channel.sampling == Vec2(1, 1))
+    };
+    let group = |prefix: &str| {
+        Some([
+            find(&format!("{prefix}R"))?,
+            find(&format!("{prefix}G"))?,
+            find(&format!("{prefix}B"))?,
+        ])
+    };
+    let luminance = || find("Y").filter(|_| find("RY").is_none()).map(|y| [y; 3]);
+    group("")
+        .or_else(|| {
+            channels.list.iter().find_map(|channel| {
+                let name = channel.name.to_string();
+                group(
+                    name.strip_suffix('R')
+                        .filter(|prefix| prefix.ends_with('.'))?,
+                )
+            })
+        })
+        .or_else(luminance)
+}

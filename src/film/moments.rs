@@ -1,0 +1,79 @@
+//! What the renderer knows of each pixel: how many samples, their sum, the sum of their squares.
+
+use glam::{DVec3, Vec3};
+
+use super::Image;
+
+/// Raw moments of the radiance samples of every pixel, taken to be independent between samples
+/// and between pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FilmMoments {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Samples in every pixel.
+    pub samples: u64,
+    /// Sum of the radiance samples, `width * height` entries, row 0 at the top.
+    pub sum: Vec<DVec3>,
+    /// Sum of the squared radiance samples, in the order of `sum`.
+    pub sum_of_squares: Vec<DVec3>,
+}
+
+/// The mean radiance of a whole image and how well it is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImageMean {
+    /// Mean radiance over all pixels, per channel.
+    pub mean: DVec3,
+    /// Standard error of `mean`, per channel; infinite below two samples.
+    pub standard_error: DVec3,
+}
+
+impl FilmMoments {
+    /// The image: the mean radiance of every pixel. Without samples nothing is known and every
+    /// pixel is NaN.
+    pub fn mean(&self) -> Image {
+        self.image(|pixel| self.pixel_mean(pixel))
+    }
+
+    /// The variance of every pixel of [`mean`](Self::mean): the unbiased sample variance over the
+    /// number of samples, in radiance squared. Infinite below two samples.
+    pub fn variance_of_mean(&self) -> Image {
+        self.image(|pixel| self.pixel_variance_of_mean(pixel))
+    }
+
+    /// The mean over all pixels. Its standard error is that of an average of independent
+    /// estimates, sqrt(sum of the pixels' variances) / pixels: the image's own contrast is no
+    /// part of it.
+    pub fn mean_and_standard_error(&self) -> ImageMean {
+        let pixels = self.sum.len();
+        let sum_of =
+            |of: &dyn Fn(usize) -> DVec3| (0..pixels).map(of).fold(DVec3::ZERO, |a, b| a + b);
+        let variance = sum_of(&|pixel| self.pixel_variance_of_mean(pixel));
+        ImageMean {
+            mean: sum_of(&|pixel| self.pixel_mean(pixel)) / pixels as f64,
+            standard_error: variance.map(f64::sqrt) / pixels as f64,
+        }
+    }
+
+    fn pixel_mean(&self, pixel: usize) -> DVec3 {
+        self.sum[pixel] / self.samples as f64
+    }
+
+    fn pixel_variance_of_mean(&self, pixel: usize) -> DVec3 {
+        if self.samples < 2 {
+            return DVec3::INFINITY;
+        }
+        let n = self.samples as f64;
+        let mean = self.pixel_mean(pixel);
+        let variance = (self.sum_of_squares[pixel] / n - mean * mean) / (n - 1.0);
+        // Cancellation may leave a hair below zero where all samples agree. Not `max`, which would
+        // turn the NaN of a spoilt pixel into a confident 0.
+        variance.map(|v| if v < 0.0 { 0.0 } else { v })
+    }
+
+    fn image(&self, pixel: impl Fn(usize) -> DVec3) -> Image {
+        let pixels: Vec<Vec3> = (0..self.sum.len()).map(|i| pixel(i).as_vec3()).collect();
+        Image::new(self.width, self.height, pixels)
+    }
+}

@@ -1,0 +1,10 @@
+//! A Vulkan compute path tracer that is also a measuring instrument.
+//!
+//! The rooms and who may depend on whom are drawn in `ARCHITECTURE.md`. In short: [`scene`],
+//! [`bvh`], [`film`] and [`stats`] know nothing of the GPU; [`layout`] is the one home of structs
+//! that the GPU sees; `render` turns a scene and its settings into a plain recording of passes,
+//! and `gpu`, the only room with Vulkan and `unsafe`, executes it.
+
+pub mod film;
+pub mod scene;
+pub mod stats;

@@ -1,0 +1,185 @@
+//! Scenes: TOML, OBJ, MTL and image files read into one validated [`Scene`].
+//!
+//! This room owns the file formats and their errors. It knows nothing of the GPU, of BVHs or of
+//! films: everything here is in world units and, where positions are concerned, `f64`, so that
+//! the scale and place of a scene cost no precision before the renderer normalises them.
+
+use std::path::PathBuf;
+
+use glam::{DVec3, Vec2, Vec3};
+
+/// Index of a corner that has no normal or no texture coordinate.
+pub const NONE: u32 = u32::MAX;
+
+/// A validated scene: every index is in range, every number finite and in its documented range.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// File stem of the scene file, for messages and metadata.
+    pub name: String,
+    /// Where the image is taken from.
+    pub camera: Camera,
+    /// Image width in pixels, at least 1.
+    pub width: u32,
+    /// Image height in pixels, at least 1.
+    pub height: u32,
+    /// What the scene asks of the renderer where the command line is silent.
+    pub defaults: RenderDefaults,
+    /// All meshes, transformed to world space and merged. Holds at least one triangle.
+    pub mesh: Mesh,
+    /// Materials that `Triangle::material` indexes.
+    pub materials: Vec<Material>,
+    /// Images that `Material::map_kd` indexes.
+    pub textures: Vec<Texture>,
+    /// Light from infinity.
+    pub environment: Environment,
+    /// BLAKE3 of every file that makes the scene, names and contents, as lower-case hex.
+    pub hash: String,
+    /// What the user should know but need not act on, one line each, without a trailing newline.
+    pub warnings: Vec<String>,
+}
+
+/// A pinhole or thin-lens camera, in world units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// Position of the pinhole or of the lens centre.
+    pub eye: DVec3,
+    /// Point that the image centre looks at; differs from `eye`.
+    pub target: DVec3,
+    /// Rough up direction, not zero. Where it is parallel to the view another axis is taken.
+    pub up: DVec3,
+    /// Vertical field of view in degrees, in (0, 180).
+    pub vfov: f64,
+    /// Lens radius, world units; 0 is a pinhole.
+    pub aperture: f64,
+    /// Distance from the eye to the plane in focus, world units, > 0; means nothing for a pinhole.
+    pub focus: f64,
+}
+
+/// The `[render]` table of a scene file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RenderDefaults {
+    /// How light is gathered.
+    pub integrator: Integrator,
+    /// Samples per pixel, at least 1.
+    pub samples: u32,
+    /// Scattering events between camera and light; `None` is unbounded (then `roulette` > 0).
+    pub max_bounces: Option<u32>,
+    /// Probability q of stopping at each vertex, in [0, 1).
+    pub roulette: f64,
+}
+
+/// How light is gathered along a path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Integrator {
+    /// BRDF importance sampling alone: a path counts when it finds a light.
+    Implicit,
+    /// A light sample at every non-specular vertex.
+    Explicit,
+}
+
+/// Triangles of the whole scene, in world space, indexed per corner.
+#[derive(Debug, Clone, Default)]
+pub struct Mesh {
+    /// Vertex positions, world units.
+    pub positions: Vec<DVec3>,
+    /// Unit shading normals; empty when no file has any.
+    pub normals: Vec<Vec3>,
+    /// Texture coordinates; empty when no file has any.
+    pub uvs: Vec<Vec2>,
+    /// Triangles; counter-clockwise seen from their front.
+    pub triangles: Vec<Triangle>,
+}
+
+/// Three corners and a material.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Triangle {
+    /// Indices into `Mesh::positions`.
+    pub positions: [u32; 3],
+    /// Indices into `Mesh::normals`, all three or all [`NONE`].
+    pub normals: [u32; 3],
+    /// Indices into `Mesh::uvs`, all three or all [`NONE`].
+    pub uvs: [u32; 3],
+    /// Index into `Scene::materials`.
+    pub material: u32,
+}
+
+/// One material, its energy rule already applied (Kd + Ks at most 1 in every channel).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Material {
+    /// Name in the MTL file.
+    pub name: String,
+    /// What light does at the surface.
+    pub surface: Surface,
+    /// Diffuse reflectance, each channel in [0, 1].
+    pub kd: Vec3,
+    /// Phong lobe weight or mirror reflectance, each channel in [0, 1].
+    pub ks: Vec3,
+    /// Phong exponent, at least 0.
+    pub ns: f32,
+    /// Index of refraction inside, greater than 0.
+    pub ni: f32,
+    /// Tint of transmitted light, each channel at least 0.
+    pub tf: Vec3,
+    /// Emitted radiance from the front side, each channel at least 0. Any channel above 0 makes
+    /// the material a pure emitter.
+    pub ke: Vec3,
+    /// Index into `Scene::textures` of the image that replaces Kd.
+    pub map_kd: Option<u32>,
+}
+
+impl Material {
+    /// A pure emitter: it gives light and does not reflect.
+    pub fn is_emitter(&self) -> bool {
+        self.ke.max_element() > 0.0
+    }
+}
+
+/// What light does at a surface, from MTL's `illum`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Surface {
+    /// `illum` 0, 1, 2: Lambert plus Phong lobe.
+    Glossy,
+    /// `illum` 3, 5: perfect mirror of reflectance Ks.
+    Mirror,
+    /// `illum` 6: perfect refraction; reflects only under total internal reflection.
+    Refractive,
+    /// `illum` 4, 7, 9: smooth dielectric, Fresnel-weighted.
+    Dielectric,
+}
+
+/// A diffuse reflectance image, bilinear and repeated by its user.
+#[derive(Debug, Clone)]
+pub struct Texture {
+    /// Where it was read from.
+    pub path: PathBuf,
+    /// Width in texels, at least 1.
+    pub width: u32,
+    /// Height in texels, at least 1.
+    pub height: u32,
+    /// Linear RGB plus one unused channel, row 0 at the top (v = 1), `width * height` entries.
+    pub texels: Vec<[half::f16; 4]>,
+}
+
+/// Light that arrives from infinity.
+#[derive(Debug, Clone)]
+pub enum Environment {
+    /// No light.
+    Black,
+    /// The same radiance, not all zero, from everywhere.
+    Constant(Vec3),
+    /// A lat-long image.
+    LatLong(EnvironmentMap),
+}
+
+/// A lat-long image: +y up, row 0 at the top, the centre column looks along -z, u grows towards +x.
+#[derive(Debug, Clone)]
+pub struct EnvironmentMap {
+    /// Where it was read from.
+    pub path: PathBuf,
+    /// Width in texels, at least 1.
+    pub width: u32,
+    /// Height in texels, at least 1.
+    pub height: u32,
+    /// Linear radiance, already multiplied by the scene's `scale`, `width * height` entries.
+    pub radiance: Vec<Vec3>,
+}

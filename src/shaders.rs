@@ -1,0 +1,93 @@
+//! The kernel table that `build.rs` writes: SPIR-V and what was read from it.
+//!
+//! Pure data: it knows nothing of Vulkan objects.
+
+/// A compute kernel in every variant that it is built in.
+#[derive(Debug)]
+pub struct Kernel {
+    /// Name of the shader file without extension; the one name it has everywhere.
+    pub name: &'static str,
+    /// Indexed by [`variant_index`].
+    pub variants: [Variant; 4],
+}
+
+/// One build of a kernel.
+#[derive(Debug)]
+pub struct Variant {
+    /// SPIR-V words in native byte order.
+    pub spirv: &'static [u8],
+    /// What the kernel binds, sorted by set and binding.
+    pub bindings: &'static [Binding],
+    /// Bytes of push constants that the kernel declares; 0 for none.
+    pub push_constant_size: u32,
+    /// Whether the workgroup is a single thread rather than `SPEC_WORKGROUP_SIZE`.
+    pub one_thread: bool,
+}
+
+/// A descriptor that a kernel uses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Binding {
+    /// GLSL name of the variable: the role of the buffer.
+    pub name: &'static str,
+    /// Descriptor set.
+    pub set: u32,
+    /// Binding number within the set.
+    pub binding: u32,
+    /// Descriptor type.
+    pub kind: BindingKind,
+    /// Whether the kernel may read it.
+    pub reads: bool,
+    /// Whether the kernel may write it.
+    pub writes: bool,
+}
+
+/// Descriptor types that kernels use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BindingKind {
+    /// `uniform` block.
+    UniformBuffer,
+    /// `buffer` block.
+    StorageBuffer,
+    /// `usamplerBuffer` or `samplerBuffer`.
+    UniformTexelBuffer,
+}
+
+/// Memory layout of a GLSL struct or block.
+#[derive(Debug)]
+pub struct StructLayout {
+    /// GLSL name of the type.
+    pub name: &'static str,
+    /// Members in order.
+    pub members: &'static [Member],
+}
+
+/// Member of a [`StructLayout`].
+#[derive(Debug)]
+pub struct Member {
+    /// GLSL name.
+    pub name: &'static str,
+    /// Bytes from the start of the struct.
+    pub offset: u32,
+    /// Bytes; 0 for a runtime array.
+    pub size: u32,
+    /// Bytes between array elements; 0 where the member is no array.
+    pub array_stride: u32,
+}
+
+/// Index into [`Kernel::variants`]: the order of `VARIANTS` in `build.rs`.
+pub const fn variant_index(texel_fetch: bool, subgroup_ballot: bool) -> usize {
+    texel_fetch as usize + 2 * subgroup_ballot as usize
+}
+
+/// The kernel of that name.
+///
+/// # Panics
+/// When no shader file has that name: names are literals in the schedulers.
+pub fn kernel(name: &str) -> &'static Kernel {
+    KERNELS
+        .binary_search_by(|kernel| kernel.name.cmp(name))
+        .map(|index| &KERNELS[index])
+        .expect("schedulers name kernels that exist")
+}
+
+include!(concat!(env!("OUT_DIR"), "/kernels.rs"));
