@@ -12,6 +12,7 @@ use rspirv::binary::Assemble;
 use rspirv::dr::{Instruction, Module, Operand};
 use rspirv::spirv::{Decoration, ExecutionMode, Op, StorageClass};
 
+#[allow(dead_code, reason = "the build needs the list alone")]
 #[path = "src/constants.rs"]
 mod constants;
 
@@ -164,12 +165,11 @@ impl Reflection {
                 (StorageClass::UniformConstant, Op::TypeSampledImage) => "UniformTexelBuffer",
                 _ => panic!("a binding of a kind that the host does not know: {variable:?}"),
             };
-            let readonly = has_access(module, id, pointee, Decoration::NonWritable) || kind != "StorageBuffer";
-            let writeonly = has_access(module, id, pointee, Decoration::NonReadable);
+            let (reads, writes) = accesses(module, id);
             let name = name_of(module, id);
             bindings.push((
                 (set, binding),
-                format!("Binding {{ name: {name:?}, set: {set}, binding: {binding}, kind: BindingKind::{kind}, reads: {}, writes: {} }}", !writeonly, !readonly),
+                format!("Binding {{ name: {name:?}, set: {set}, binding: {binding}, kind: BindingKind::{kind}, reads: {reads}, writes: {writes} }}"),
             ));
         }
         bindings.sort();
@@ -246,12 +246,24 @@ fn member_decoration(module: &Module, id: u32, member: u32, wanted: Decoration) 
         })
 }
 
-/// Whether the variable, or every member of its block, carries the access decoration.
-fn has_access(module: &Module, variable: u32, pointee: &Instruction, access: Decoration) -> bool {
-    let id = pointee.result_id.expect("a type has an id");
-    decoration(module, variable, access).is_some()
-        || (pointee.class.opcode == Op::TypeStruct
-            && (0..pointee.operands.len() as u32).all(|member| member_decoration(module, id, member, access).is_some()))
+/// Whether the kernel's code reads and writes the variable, through whatever pointer.
+fn accesses(module: &Module, variable: u32) -> (bool, bool) {
+    let mut pointers = vec![variable];
+    let (mut reads, mut writes) = (false, false);
+    for instruction in module.functions.iter().flat_map(|function| function.all_inst_iter()) {
+        let Some(Operand::IdRef(first)) = instruction.operands.first() else { continue };
+        if !pointers.contains(first) {
+            continue;
+        }
+        match instruction.class.opcode {
+            Op::AccessChain | Op::InBoundsAccessChain | Op::CopyObject => pointers.extend(instruction.result_id),
+            Op::Load => reads = true,
+            Op::Store => writes = true,
+            Op::AtomicIAdd | Op::AtomicOr | Op::AtomicUMax | Op::AtomicUMin => (reads, writes) = (true, true),
+            other => panic!("a buffer is used in a way that the host does not know: {other:?}"),
+        }
+    }
+    (reads, writes)
 }
 
 /// Bytes that a type takes up, by its explicit offsets and strides; 0 for a runtime array.

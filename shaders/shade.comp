@@ -17,11 +17,11 @@ layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
 void main() {
     uint place = gl_GlobalInvocationID.x;
-    bool active = place < control.current_rays;
+    bool live = place < control.current_rays;
     uint slot = 0u;
     Path path;
     Vertex vertex = ended(vec3(0.0));
-    if (active) {
+    if (live) {
         slot = current_ray(place);
         path = load_path(slot);
         Hit hit = load_hit(slot);
@@ -36,14 +36,14 @@ void main() {
     }
 
     uint shadow_place;
-    bool casts = active && carries_light(vertex.shadow);
+    bool casts = live && carries_light(vertex.shadow);
     APPEND(control.next_shadow_rays, casts, shadow_place)
     if (casts) {
         store_shadow_ray(shadow_place, slot, vertex.shadow);
     }
 
     uint next_place;
-    bool continues = active && vertex.continues;
+    bool continues = live && vertex.continues;
     APPEND(control.next_rays, continues, next_place)
     if (continues) {
         store_path(slot, path);

@@ -2,9 +2,19 @@
 //!
 //! The rooms and who may depend on whom are drawn in `ARCHITECTURE.md`. In short: [`scene`],
 //! [`bvh`], [`film`] and [`stats`] know nothing of the GPU; [`layout`] is the one home of structs
-//! that the GPU sees; `render` turns a scene and its settings into a plain recording of passes,
-//! and `gpu`, the only room with Vulkan and `unsafe`, executes it.
+//! that the GPU sees; [`render`] turns a scene and its settings into a plain recording of passes,
+//! and [`gpu`], the only room with Vulkan and `unsafe`, executes it.
 
+pub mod alias;
+pub mod bvh;
+pub mod cli;
+pub mod constants;
 pub mod film;
+pub mod gpu;
+pub mod layout;
+pub mod recording;
+pub mod render;
 pub mod scene;
+pub mod shaders;
 pub mod stats;
+pub mod whole_file;

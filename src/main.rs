@@ -1,1 +1,7 @@
-pub fn main(){}
+//! The command line of raywave.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    raywave::cli::main()
+}

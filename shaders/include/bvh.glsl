@@ -101,7 +101,7 @@ uint leaf_first(uint leaf) { return leaf & ((1u << LEAF_COUNT_SHIFT) - 1u); }
 Hit trace_closest(Ray ray) {
     vec3 inverse = safe_inverse(ray.direction);
     RaySpace space = ray_space(ray.direction);
-    Hit nearest = Hit(NO_TRIANGLE, vec2(0.0), uintBitsToFloat(0x7f7fffffu));
+    Hit nearest = Hit(NO_TRIANGLE, vec2(0.0), FARTHEST);
     uint nearest_original = NO_TRIANGLE;
     uint stack[STACK_SIZE];
     stack[0] = TRAVERSAL_DONE;

@@ -4,6 +4,9 @@
 #include "specialization.glsl"
 #include "bindings_scene.glsl"
 
+// The distance of nothing: the largest finite number.
+const float FARTHEST = 3.402823466e38;
+
 struct Ray {
     vec3 origin;
     vec3 direction;

@@ -30,10 +30,8 @@ struct Vertex {
     bool continues;
 };
 
-const float INFINITY = uintBitsToFloat(0x7f800000u);
-
 // How far a shadow ray must be free, in lengths of its direction.
-float shadow_limit(uint light) { return light == NO_TRIANGLE ? INFINITY : 1.0; }
+float shadow_limit(uint light) { return light == NO_TRIANGLE ? FARTHEST : 1.0; }
 
 Path begin_path(uint pixel, uint sample_index) {
     vec4 u = random4(pixel, sample_index, CAMERA_BLOCK, frame.seed);

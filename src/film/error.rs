@@ -12,45 +12,13 @@ pub enum FilmError {
         /// The image file.
         path: PathBuf,
     },
-    /// The folder of an output does not exist.
-    #[error(
-        "{}: the folder {} does not exist; create it first",
-        path.display(),
-        folder.display()
-    )]
-    MissingFolder {
-        /// The image file.
-        path: PathBuf,
-        /// Where it was to be written.
-        folder: PathBuf,
-    },
-    /// The folder of an output takes no new file.
-    #[error(
-        "{}: cannot write into the folder {} ({cause}); choose another or change its permissions",
-        path.display(),
-        folder.display()
-    )]
-    UnwritableFolder {
-        /// The image file.
-        path: PathBuf,
-        /// Where it was to be written.
-        folder: PathBuf,
-        /// What the system said.
-        cause: std::io::Error,
-    },
-    /// The output names a folder.
-    #[error("{}: is a folder; name a file to write the image to", path.display())]
-    IsFolder {
-        /// The folder.
-        path: PathBuf,
-    },
-    /// Writing failed half-way; nothing was left behind.
-    #[error("{}: cannot write the image ({cause}); check the disk and try again", path.display())]
+    /// Nothing can be written there, or writing failed half-way and left nothing behind.
+    #[error("{}: cannot write the image: {cause}", path.display())]
     Write {
         /// The image file.
         path: PathBuf,
-        /// What the system or the encoder said.
-        cause: String,
+        /// What stands in the way.
+        cause: std::io::Error,
     },
     /// The image has no pixels or not as many as its size says.
     #[error(
@@ -98,9 +66,9 @@ pub enum FilmError {
         /// What the decoder said.
         cause: String,
     },
-    /// An EXR file without colour.
+    /// An EXR file without colour, or with several colours of which none is plain `R`, `G`, `B`.
     #[error(
-        "{}: has no channels R, G and B and no Y, only: {channels}; save it as RGB",
+        "{}: no colour to be found (R, G, B; or Y; or one group x.R, x.G, x.B) in: {channels}; save it as RGB",
         path.display()
     )]
     NoColour {

@@ -203,12 +203,13 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Image, FilmError> {
     })
 }
 
-/// The channels that hold red, green and blue: `R`, `G`, `B` if there are any, else the first
-/// group `group.R`, `group.G`, `group.B`, else luminance `Y` for all three.
+/// The channels that hold red, green and blue: `R`, `G`, `B`; else luminance `Y` for all three;
+/// else the group `name.R`, `name.G`, `name.B`, if there is just one: among several, the radiance
+/// and some albedo cannot be told apart.
 fn colour_channels(channels: &AnyChannels<FlatSamples>) -> Option<[&AnyChannel<FlatSamples>; 3]> {
     let find = |name: &str| {
         let mut list = channels.list.iter();
-        // A subsampled channel has fewer values than pixels: the Y, RY, BY of video.
+        // A subsampled channel has fewer values than pixels.
         list.find(|channel| channel.name == *name && channel.sampling == Vec2(1, 1))
     };
     let group = |prefix: &str| {
@@ -218,16 +219,18 @@ fn colour_channels(channels: &AnyChannels<FlatSamples>) -> Option<[&AnyChannel<F
             find(&format!("{prefix}B"))?,
         ])
     };
-    let luminance = || find("Y").filter(|_| find("RY").is_none()).map(|y| [y; 3]);
-    group("")
-        .or_else(|| {
-            channels.list.iter().find_map(|channel| {
-                let name = channel.name.to_string();
-                group(
-                    name.strip_suffix('R')
-                        .filter(|prefix| prefix.ends_with('.'))?,
-                )
-            })
-        })
-        .or_else(luminance)
+    let luminance = || {
+        // Beside these Y is one part of a colour: of CIE XYZ, or of luminance and chroma.
+        let has = |name: &&str| channels.list.iter().any(|channel| channel.name == **name);
+        let alone = !["X", "Z", "RY", "BY"].iter().any(has);
+        find("Y").filter(|_| alone).map(|y| [y; 3])
+    };
+    let only_group = || {
+        let mut groups = channels.list.iter().filter_map(|channel| {
+            let name = channel.name.to_string();
+            group(name.strip_suffix('R').filter(|name| name.ends_with('.'))?)
+        });
+        groups.next().filter(|_| groups.next().is_none())
+    };
+    group("").or_else(luminance).or_else(only_group)
 }

@@ -2,8 +2,8 @@
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
-use std::io::{BufReader, Cursor, Write};
-use std::path::{Path, PathBuf};
+use std::io::{self, BufReader, Cursor};
+use std::path::Path;
 
 use glam::Vec3;
 use image::{
@@ -12,6 +12,7 @@ use image::{
 };
 
 use super::{FilmError, Image, exr, rgbe, srgb};
+use crate::whole_file;
 
 /// Most pixels that [`read_image`] takes, 3 GiB of memory. A damaged header cannot ask for more.
 pub const MAX_PIXELS: u64 = 1 << 28;
@@ -58,8 +59,7 @@ impl Format {
 /// folder.
 pub fn check_output(path: &Path) -> Result<(), FilmError> {
     Format::of(path)?;
-    // The permission bits do not tell (superuser, read-only file systems), so a file is made.
-    temporary_beside(path).map(drop)
+    whole_file::check(path).map_err(unwritable(path))
 }
 
 /// Writes an image to the format that the extension of `path` names:
@@ -79,14 +79,7 @@ pub fn check_output(path: &Path) -> Result<(), FilmError> {
 /// full disk.
 pub fn write_image(path: &Path, image: &Image, options: &WriteOptions) -> Result<(), FilmError> {
     let bytes = image_bytes(path, image, options)?;
-    let failed = |cause: std::io::Error| FilmError::Write {
-        path: path.to_path_buf(),
-        cause: cause.to_string(),
-    };
-    let mut file = temporary_beside(path)?;
-    file.write_all(&bytes).map_err(failed)?;
-    file.persist(path).map_err(|error| failed(error.error))?;
-    Ok(())
+    whole_file::write(path, |file| file.write_all(&bytes)).map_err(unwritable(path))
 }
 
 /// The bytes that [`write_image`] puts into the file.
@@ -115,16 +108,13 @@ pub fn image_bytes(
         Format::Png => png_bytes(image, options.exposure),
         Format::Hdr => Ok(rgbe::encode(image)),
     };
-    encoded.map_err(|cause| FilmError::Write {
-        path: path.to_path_buf(),
-        cause,
-    })
+    encoded.map_err(|cause| unwritable(path)(io::Error::other(cause)))
 }
 
 /// Reads an image as linear radiance, in the format that the extension of `path` names.
 ///
-/// - `.exr`: `f16` or `f32`, channels `R`, `G`, `B`, or the first group `group.R` …, or `Y`; the
-///   data window becomes the image.
+/// - `.exr`: `f16` or `f32`, channels `R`, `G`, `B`, or `Y`, or the only group `name.R`, `name.G`,
+///   `name.B`; the data window becomes the image.
 /// - `.hdr`: its `EXPOSURE` is divided out.
 /// - `.png`: 8 or 16 bits, taken as sRGB whatever its colour chunks say.
 ///
@@ -194,35 +184,11 @@ fn check_metadata(path: &Path, metadata: &[(String, String)]) -> Result<(), Film
     Ok(())
 }
 
-/// A nameless-to-be file in the folder of `path`, so that the final rename stays within one file
-/// system. It removes itself unless it is persisted.
-fn temporary_beside(path: &Path) -> Result<tempfile::NamedTempFile, FilmError> {
-    if path.is_dir() {
-        return Err(FilmError::IsFolder {
-            path: path.to_path_buf(),
-        });
+fn unwritable(path: &Path) -> impl FnOnce(io::Error) -> FilmError {
+    |cause| FilmError::Write {
+        path: path.to_path_buf(),
+        cause,
     }
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".raywave-").suffix(".part");
-    // A temporary file is private by default; the umask makes of this what it makes of any file.
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder.tempfile_in(folder).map_err(|cause| {
-        let (path, folder): (PathBuf, PathBuf) = (path.into(), folder.into());
-        if folder.is_dir() {
-            FilmError::UnwritableFolder {
-                path,
-                folder,
-                cause,
-            }
-        } else {
-            FilmError::MissingFolder { path, folder }
-        }
-    })
 }
 
 fn png_bytes(image: &Image, exposure: f32) -> Result<Vec<u8>, String> {

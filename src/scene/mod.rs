@@ -4,9 +4,22 @@
 //! films: everything here is in world units and, where positions are concerned, `f64`, so that
 //! the scale and place of a scene cost no precision before the renderer normalises them.
 
+mod document;
+mod error;
+mod files;
+mod generate;
+mod load;
+mod material;
+mod obj;
+mod picture;
+mod text;
+
 use std::path::PathBuf;
 
 use glam::{DVec3, Vec2, Vec3};
+
+pub use error::{Place, SceneError};
+pub use generate::generate_gallery;
 
 /// Index of a corner that has no normal or no texture coordinate.
 pub const NONE: u32 = u32::MAX;
@@ -36,6 +49,21 @@ pub struct Scene {
     pub hash: String,
     /// What the user should know but need not act on, one line each, without a trailing newline.
     pub warnings: Vec<String>,
+}
+
+impl Scene {
+    /// The lowest and highest corner of the box around all triangles, world units.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        self.mesh.bounds()
+    }
+
+    /// Indices into `mesh.triangles` of those that emit, in ascending order.
+    pub fn light_triangles(&self) -> impl Iterator<Item = u32> {
+        let triangles = self.mesh.triangles.iter().zip(0..);
+        triangles
+            .filter(|(triangle, _)| self.materials[triangle.material as usize].is_emitter())
+            .map(|(_, index)| index)
+    }
 }
 
 /// A pinhole or thin-lens camera, in world units.
@@ -68,6 +96,17 @@ pub struct RenderDefaults {
     pub roulette: f64,
 }
 
+impl Default for RenderDefaults {
+    fn default() -> Self {
+        Self {
+            integrator: Integrator::Explicit,
+            samples: 64,
+            max_bounces: Some(8),
+            roulette: 0.0,
+        }
+    }
+}
+
 /// How light is gathered along a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Integrator {
@@ -88,6 +127,22 @@ pub struct Mesh {
     pub uvs: Vec<Vec2>,
     /// Triangles; counter-clockwise seen from their front.
     pub triangles: Vec<Triangle>,
+}
+
+impl Mesh {
+    /// The lowest and highest corner of the box around all triangles; of an empty mesh, infinite
+    /// and the wrong way round.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let corners = self
+            .triangles
+            .iter()
+            .flat_map(|triangle| triangle.positions);
+        let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        corners.fold(empty, |(low, high), corner| {
+            let point = self.positions[corner as usize];
+            (low.min(point), high.max(point))
+        })
+    }
 }
 
 /// Three corners and a material.

@@ -38,8 +38,8 @@ ref box-n0 "$scenes/cornell-box.toml" 0 1048576 256
 ref box-n1 "$scenes/cornell-box.toml" 1 524288 256
 ref box-n4 "$scenes/cornell-box.toml" 4 524288 256
 ref caustic-n4 "$scenes/cornell-caustic.toml" 4 524288 256
-ref glass-n8 "$scenes/cornell-glass.toml" 8 524288 256
-ref phong-n4 "$scenes/cornell-phong.toml" 4 524288 256
+ref glass-n8 "$scenes/cornell-glass.toml" 8 262144 128
+ref phong-n4 "$scenes/cornell-phong.toml" 4 262144 128
 ref smooth-n3 "$scenes/smooth.toml" 3 131072 128
 ref sky-n4 "$scenes/textured-sky.toml" 4 131072 128
 

@@ -1,0 +1,135 @@
+//! The bounding volume hierarchy: built by obvhs, kept as the nodes that the kernels read.
+//!
+//! Also the CPU traversal of the same nodes, which is the oracle of the kernels' traversal. This
+//! room knows triangles and rays; it knows nothing of scenes' files, materials or the GPU.
+
+mod traverse;
+
+use std::time::Duration;
+
+use glam::Vec3;
+use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::{BvhBuildParams, triangle::Triangle};
+
+pub use traverse::{Hit, Ray, intersect_triangle, trace_any, trace_closest};
+
+use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES};
+use crate::layout::Node;
+
+/// Most triangles that a leaf reference can address.
+pub const MAX_TRIANGLES: usize = 1 << LEAF_COUNT_SHIFT;
+
+/// A BVH over triangles.
+#[derive(Debug)]
+pub struct Bvh {
+    /// Inner nodes, the root first. Never empty: a tree of one leaf has a root with one child.
+    pub nodes: Vec<Node>,
+    /// For each place in leaf order, the index of the triangle in the input.
+    pub order: Vec<u32>,
+    /// Inner nodes on the longest way from the root to a leaf.
+    pub depth: u32,
+    /// Leaves that hold triangles.
+    pub leaf_count: u32,
+    /// Expected cost of a random ray that meets the root box, in triangle tests, with an inner
+    /// node at the price of one. (Surface area heuristic, MacDonald and Booth 1990)
+    pub sah_cost: f64,
+    /// Time that obvhs took.
+    pub build_time: Duration,
+}
+
+impl Bvh {
+    /// Builds the hierarchy of at least 1 and at most [`MAX_TRIANGLES`] triangles.
+    ///
+    /// obvhs's preset `medium_build`: PLOC with reinsertion, near the slower presets in traversal
+    /// cost at a fraction of their time, and without spatial splits, so that every triangle lies
+    /// in one leaf and every box holds its triangles whole.
+    pub fn build(triangles: &[[Vec3; 3]]) -> Self {
+        let input: Vec<Triangle> =
+            triangles.iter().map(|t| Triangle { v0: t[0].into(), v1: t[1].into(), v2: t[2].into() }).collect();
+        let params = BvhBuildParams { max_prims_per_leaf: LEAF_MAX_TRIANGLES, ..BvhBuildParams::medium_build() };
+        let mut build_time = Duration::ZERO;
+        let tree = build_bvh2_from_tris(&input, params, &mut build_time);
+        let mut bvh = Self { nodes: Vec::new(), order: Vec::new(), depth: 0, leaf_count: 0, sah_cost: 0.0, build_time };
+        bvh.flatten(&tree);
+        bvh
+    }
+
+    /// Lays the tree out depth first, and its triangles in the order of its leaves.
+    fn flatten(&mut self, tree: &obvhs::bvh2::Bvh2) {
+        self.order.reserve(tree.primitive_indices.len());
+        let root_area = f64::from(tree.nodes[0].aabb.half_area()).max(f64::MIN_POSITIVE);
+        if tree.nodes[0].is_leaf() {
+            let left = self.push_leaf(&tree.primitive_indices, &tree.nodes[0]);
+            self.nodes.push(Node { left, ..EMPTY });
+            self.set_box(0, Side::Left, &tree.nodes[0].aabb);
+            self.depth = 1;
+            self.sah_cost = f64::from(tree.nodes[0].prim_count);
+            return;
+        }
+        // (node of the tree, who refers to it, depth)
+        let mut open: Vec<(u32, Option<(usize, Side)>, u32)> = vec![(0, None, 1)];
+        while let Some((source, referrer, depth)) = open.pop() {
+            let node = &tree.nodes[source as usize];
+            let area_share = f64::from(node.aabb.half_area()) / root_area;
+            let reference = if node.is_leaf() {
+                self.sah_cost += area_share * f64::from(node.prim_count);
+                self.push_leaf(&tree.primitive_indices, node)
+            } else {
+                self.sah_cost += area_share;
+                self.depth = self.depth.max(depth);
+                let index = self.nodes.len();
+                self.nodes.push(EMPTY);
+                open.push((node.first_index + 1, Some((index, Side::Right)), depth + 1));
+                open.push((node.first_index, Some((index, Side::Left)), depth + 1));
+                index as u32
+            };
+            if let Some((parent, side)) = referrer {
+                match side {
+                    Side::Left => self.nodes[parent].left = reference,
+                    Side::Right => self.nodes[parent].right = reference,
+                }
+                self.set_box(parent, side, &node.aabb);
+            }
+        }
+    }
+
+    fn set_box(&mut self, node: usize, side: Side, aabb: &obvhs::aabb::Aabb) {
+        let node = &mut self.nodes[node];
+        let (low, high) = match side {
+            Side::Left => (&mut node.left_low, &mut node.left_high),
+            Side::Right => (&mut node.right_low, &mut node.right_high),
+        };
+        *low = aabb.min.into();
+        *high = aabb.max.into();
+    }
+
+    fn push_leaf(&mut self, primitive_indices: &[u32], node: &obvhs::bvh2::node::Bvh2Node) -> u32 {
+        let first = self.order.len() as u32;
+        let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
+        self.order.extend(&primitive_indices[range]);
+        self.leaf_count += 1;
+        leaf_reference(first, node.prim_count)
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Side {
+    Left,
+    Right,
+}
+
+/// A node whose children hold nothing and lie where no ray of a normalised scene goes.
+const EMPTY: Node = Node {
+    left_low: [1e30; 3],
+    left: LEAF_BIT,
+    left_high: [1e30; 3],
+    unused0: 0,
+    right_low: [1e30; 3],
+    right: LEAF_BIT,
+    right_high: [1e30; 3],
+    unused1: 0,
+};
+
+fn leaf_reference(first: u32, count: u32) -> u32 {
+    LEAF_BIT | (count << LEAF_COUNT_SHIFT) | first
+}

@@ -1,0 +1,75 @@
+//! `raywave info`.
+
+use std::path::PathBuf;
+
+use crate::bvh::Bvh;
+use crate::layout;
+use crate::render::PreparedScene;
+
+use super::{load_scene, readable_bytes};
+
+/// Tell what a scene holds: triangles, materials, lights, bounds, BVH, memory
+#[derive(Debug, clap::Args)]
+pub struct InfoArguments {
+    /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
+    scene: Option<PathBuf>,
+}
+
+pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
+    let scene = load_scene(arguments.scene.as_deref(), false)?;
+    let prepared = PreparedScene::new(&scene)?;
+    let (low, high) = scene.bounds();
+    let triangles = scene.mesh.triangles.len();
+    println!("scene            {}", scene.name);
+    println!("hash             {}", scene.hash);
+    println!("triangles        {triangles}");
+    println!("vertices         {}", scene.mesh.positions.len());
+    println!("materials        {}", scene.materials.len());
+    println!("textures         {}", scene.textures.len());
+    println!("light triangles  {}", prepared.lights.len());
+    println!("environment      {}", environment(&scene));
+    println!("bounds           {low} to {high}");
+    println!("needs            {}", needs(&prepared));
+    let Bvh { nodes, depth, leaf_count, sah_cost, build_time, .. } = &prepared.bvh;
+    println!("BVH nodes        {}", nodes.len());
+    println!("BVH leaves       {leaf_count}, {:.2} triangles each", triangles as f64 / f64::from(*leaf_count));
+    println!("BVH depth        {depth}");
+    println!("BVH SAH cost     {sah_cost:.2}");
+    let speed = triangles as f64 / build_time.as_secs_f64() / 1e6;
+    println!("BVH build        {:.1} ms, {speed:.2} M triangles/s", build_time.as_secs_f64() * 1e3);
+    let buffers = prepared.buffer_bytes();
+    let total: u64 = buffers.iter().map(|(_, bytes)| bytes).sum();
+    println!("device memory    {}, {:.1} bytes a triangle", readable_bytes(total), total as f64 / triangles as f64);
+    for (name, bytes) in buffers {
+        println!("  {name:<20} {}", readable_bytes(bytes));
+    }
+    println!("frame            {} bytes", size_of::<layout::Frame>());
+    Ok(())
+}
+
+fn environment(scene: &crate::scene::Scene) -> String {
+    use crate::scene::Environment::*;
+    match &scene.environment {
+        Black => "none".to_owned(),
+        Constant(radiance) => format!("constant {radiance}"),
+        LatLong(map) => format!("{} ({}x{})", map.path.display(), map.width, map.height),
+    }
+}
+
+/// Names of the features that the kernels are built with.
+fn needs(prepared: &PreparedScene) -> String {
+    let f = &prepared.features;
+    let named = [
+        ("area lights", f.lights),
+        ("environment", f.environment != crate::constants::ENVIRONMENT_BLACK),
+        ("Phong lobes", f.phong),
+        ("mirrors", f.mirror),
+        ("refraction", f.refractive),
+        ("Fresnel glass", f.dielectric),
+        ("textures", f.textures),
+        ("shading normals", f.normals),
+        ("lens", f.lens),
+    ];
+    let names: Vec<_> = named.iter().filter(|(_, needed)| *needed).map(|(name, _)| *name).collect();
+    if names.is_empty() { "diffuse surfaces alone".to_owned() } else { names.join(", ") }
+}

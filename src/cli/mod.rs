@@ -1,0 +1,143 @@
+//! The command line: arguments, resolved settings, progress, warnings. The only room that prints.
+//!
+//! Data goes to stdout, all else to stderr. Exit codes: 0 done, 1 the device failed, 2 bad input
+//! or an output that cannot be written, 130 broken off by a second Ctrl-C.
+
+mod devices;
+pub mod diff;
+mod info;
+mod render;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::{Parser, Subcommand};
+
+use crate::gpu::GpuError;
+use crate::render::RenderError;
+use crate::scene::Scene;
+
+/// A Vulkan compute path tracer that is also a measuring instrument
+#[derive(Debug, Parser)]
+#[command(version, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Render(render::RenderArguments),
+    /// List the Vulkan devices and the one that a render would take
+    Devices(devices::DevicesArguments),
+    Info(info::InfoArguments),
+    Diff(diff::DiffArguments),
+    Gallery(GalleryArguments),
+}
+
+/// Write the gallery: a rich scene of many materials and lights
+#[derive(Debug, clap::Args)]
+struct GalleryArguments {
+    /// Folder for gallery.toml and its files; made where it is missing
+    folder: PathBuf,
+    /// Triangles, about
+    #[arg(long, default_value_t = 120_000, value_parser = clap::value_parser!(u32).range(5_000..=100_000_000))]
+    triangles: u32,
+}
+
+/// Runs the program.
+pub fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) if !error.use_stderr() => {
+            // Help and version are data. There is nobody to tell where stdout is closed.
+            let _ = error.print();
+            return ExitCode::SUCCESS;
+        }
+        Err(error) if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            let _ = error.print();
+            return ExitCode::from(2);
+        }
+        Err(error) => {
+            eprintln!("{}", one_line(&error));
+            return ExitCode::from(2);
+        }
+    };
+    let result = match arguments.command {
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Devices(arguments) => devices::run(&arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Diff(arguments) => diff::run(&arguments),
+        Command::Gallery(GalleryArguments { folder, triangles }) => {
+            crate::scene::generate_gallery(&folder, triangles as usize).map_err(Into::into)
+        }
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            exit_code(&error)
+        }
+    }
+}
+
+/// 1 where the device failed, 2 where the user can mend it.
+fn exit_code(error: &anyhow::Error) -> ExitCode {
+    let gpu = error.downcast_ref::<GpuError>().or_else(|| match error.downcast_ref::<RenderError>() {
+        Some(RenderError::Gpu(gpu)) => Some(gpu),
+        _ => None,
+    });
+    let user = matches!(
+        gpu,
+        None | Some(
+            GpuError::UnknownDevice { .. }
+                | GpuError::UnusableDevice { .. }
+                | GpuError::BufferTooLarge { .. }
+                | GpuError::OutOfMemory { .. }
+        )
+    );
+    ExitCode::from(if user { 2 } else { 1 })
+}
+
+/// What clap has to say about wrong arguments, without usage, in one line.
+fn one_line(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let said: Vec<_> = text
+        .lines()
+        .map(str::trim)
+        .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more information"))
+        .filter(|line| !line.is_empty())
+        .collect();
+    format!("{}; see --help", said.join(" "))
+}
+
+/// The scene of that path, or the built-in Cornell box. Its warnings go to stderr unless quiet.
+fn load_scene(path: Option<&std::path::Path>, quiet: bool) -> anyhow::Result<Scene> {
+    let scene = match path {
+        Some(path) => Scene::load(path)?,
+        None => Scene::cornell_box(),
+    };
+    if !quiet {
+        for warning in &scene.warnings {
+            eprintln!("warning: {warning}");
+        }
+    }
+    Ok(scene)
+}
+
+/// Says whether a text file can be written there, before the work begins.
+fn check_text_output(path: &std::path::Path) -> anyhow::Result<()> {
+    crate::whole_file::check(path).with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Writes a text file whole.
+fn write_text(path: &std::path::Path, text: &str) -> anyhow::Result<()> {
+    crate::whole_file::write(path, |file| file.write_all(text.as_bytes()))
+        .with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Bytes for people.
+fn readable_bytes(bytes: u64) -> String {
+    indicatif::BinaryBytes(bytes).to_string()
+}

@@ -1,0 +1,278 @@
+//! `raywave render`.
+
+use std::io::IsTerminal;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, bail, ensure};
+use clap::ValueEnum;
+use indicatif::{HumanCount, ProgressBar, ProgressStyle};
+use serde_json::{Map, Value, json};
+
+use crate::film::{WriteOptions, check_output, write_image};
+use crate::gpu::{Device, DeviceDescription, Instance};
+use crate::render::{Outcome, PreparedScene, Progress, Session, Settings, Statistics};
+use crate::scene::{Integrator, Scene};
+
+use super::devices::kind_name;
+use super::{check_text_output, load_scene, write_text};
+
+/// Render a scene to an image
+#[derive(Debug, clap::Args)]
+pub struct RenderArguments {
+    /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
+    scene: Option<PathBuf>,
+    /// Image to write: .png (sRGB), .exr (linear, with metadata) or .hdr (linear)
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Image width in pixels
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    width: Option<u32>,
+    /// Image height in pixels
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    height: Option<u32>,
+    /// Samples per pixel
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    samples: Option<u32>,
+    /// Scattering events between camera and light; -1 is unbounded and needs a roulette
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(-1..=1_000_000))]
+    max_bounces: Option<i64>,
+    /// How light is gathered
+    #[arg(long)]
+    integrator: Option<IntegratorName>,
+    /// Probability of stopping at each vertex, in [0, 1)
+    #[arg(long, value_name = "Q", allow_negative_numbers = true)]
+    roulette: Option<f64>,
+    /// Seed of the random numbers
+    #[arg(long, default_value_t = 0)]
+    seed: u32,
+    /// Device, by number or part of its name; see `raywave devices`
+    #[arg(long, env = "RAYWAVE_DEVICE")]
+    device: Option<String>,
+    /// Paths in flight
+    #[arg(long, value_name = "PATHS", value_parser = clap::value_parser!(u32).range(1..))]
+    in_flight: Option<u32>,
+    /// Exposure of a PNG in stops: radiance is multiplied by 2^STOPS
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    exposure: f32,
+    /// Write what the render cost, as JSON
+    #[arg(long, value_name = "FILE")]
+    stats: Option<PathBuf>,
+    /// No progress, warnings or summary
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum IntegratorName {
+    /// BRDF importance sampling alone
+    Implicit,
+    /// A light sample at every vertex
+    Explicit,
+}
+
+pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
+    check_output(&arguments.output)?;
+    if let Some(stats) = &arguments.stats {
+        check_text_output(stats)?;
+        ensure!(*stats != arguments.output, "{}: --stats and --output name the same file", stats.display());
+    }
+    let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
+    let settings = resolve(arguments, &scene)?;
+    let prepared = PreparedScene::new(&scene)?;
+    let instance = Arc::new(Instance::new(false)?);
+    let device = Device::open(&instance, instance.choose(arguments.device.as_deref())?)?;
+    let mut session = Session::new(&device, &prepared, &settings)?;
+
+    let interrupted = stop_on_interrupt()?;
+    let bar = progress_bar(arguments.quiet, settings.samples);
+    let outcome = session.render(|progress| {
+        show(&bar, progress);
+        if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    bar.finish_and_clear();
+
+    let report = Report { scene: &scene, prepared: &prepared, settings: &settings, device: device.description() };
+    write(arguments, &report, &outcome)?;
+    if !arguments.quiet {
+        summarise(arguments, &settings, &outcome.statistics);
+    }
+    Ok(())
+}
+
+/// The scene's settings, with what the command line says instead.
+fn resolve(arguments: &RenderArguments, scene: &Scene) -> anyhow::Result<Settings> {
+    let given = Settings::of(scene);
+    let settings = Settings {
+        width: arguments.width.unwrap_or(given.width),
+        height: arguments.height.unwrap_or(given.height),
+        samples: arguments.samples.unwrap_or(given.samples),
+        integrator: match arguments.integrator {
+            Some(IntegratorName::Implicit) => Integrator::Implicit,
+            Some(IntegratorName::Explicit) => Integrator::Explicit,
+            None => given.integrator,
+        },
+        max_bounces: arguments.max_bounces.map_or(given.max_bounces, |bounces| u32::try_from(bounces).ok()),
+        roulette: arguments.roulette.unwrap_or(given.roulette),
+        seed: arguments.seed,
+        in_flight: arguments.in_flight,
+    };
+    settings.validate()?;
+    if !arguments.exposure.is_finite() {
+        bail!("--exposure {} is not a number of stops", arguments.exposure);
+    }
+    Ok(settings)
+}
+
+/// A flag that the first Ctrl-C raises. The second one ends the program.
+fn stop_on_interrupt() -> anyhow::Result<Arc<AtomicBool>> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let raised = Arc::clone(&flag);
+    ctrlc::set_handler(move || {
+        if raised.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        eprintln!("\nfinishing the samples that are begun; Ctrl-C again gives them up");
+    })
+    .context("cannot listen for Ctrl-C")?;
+    Ok(flag)
+}
+
+fn progress_bar(quiet: bool, samples: u32) -> ProgressBar {
+    if quiet || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{wide_bar} {percent}% of {msg}, {eta} left")
+        .expect("the template is well formed");
+    ProgressBar::new(1).with_style(style).with_message(format!("{samples} samples"))
+}
+
+fn show(bar: &ProgressBar, progress: &Progress) {
+    if bar.is_hidden() {
+        return;
+    }
+    let seconds = progress.elapsed.as_secs_f64().max(1e-9);
+    let (samples, rays) = (progress.samples_done as f64 / seconds, progress.rays as f64 / seconds);
+    bar.set_length(progress.samples_total);
+    bar.set_position(progress.samples_done);
+    bar.set_message(format!(
+        "{} samples, {:.2} M samples/s, {:.2} M rays/s",
+        HumanCount(progress.samples_total),
+        samples / 1e6,
+        rays / 1e6
+    ));
+}
+
+/// All that belongs to a result.
+struct Report<'a> {
+    scene: &'a Scene,
+    prepared: &'a PreparedScene,
+    settings: &'a Settings,
+    device: &'a DeviceDescription,
+}
+
+impl Report<'_> {
+    /// Every setting and the provenance, snake_case keys with the unit in the name.
+    fn settings(&self, statistics: &Statistics) -> Map<String, Value> {
+        let settings = self.settings;
+        let Value::Object(map) = json!({
+            "raywave_version": env!("CARGO_PKG_VERSION"),
+            "scene": self.scene.name,
+            "scene_hash": self.scene.hash,
+            "width_pixels": settings.width,
+            "height_pixels": settings.height,
+            "samples_per_pixel": statistics.samples,
+            "integrator": match settings.integrator {
+                Integrator::Implicit => "implicit",
+                Integrator::Explicit => "explicit",
+            },
+            "max_bounces": settings.max_bounces.map_or(-1, i64::from),
+            "roulette": settings.roulette,
+            "seed": settings.seed,
+            "scheduler": "wavefront",
+            "paths_in_flight": statistics.paths_in_flight,
+            "workgroup_size_invocations": statistics.workgroup_size,
+            "bvh": "bvh2",
+            "scene_fetch": if statistics.texel_fetch { "texel" } else { "storage" },
+            "device": self.device.name,
+            "device_kind": kind_name(self.device.kind),
+            "driver": self.device.driver,
+            "vulkan_version": self.device.vulkan_version,
+            "subgroup_size_lanes": self.device.subgroup_size,
+        }) else {
+            unreachable!("the literal is an object")
+        };
+        map
+    }
+
+    fn statistics(&self, outcome: &Outcome) -> Value {
+        let statistics = &outcome.statistics;
+        let wall = statistics.wall_time.as_secs_f64();
+        let mean = outcome.film.mean_and_standard_error();
+        let kernels: Map<_, _> = statistics
+            .kernels
+            .iter()
+            .map(|(name, time)| {
+                ((*name).to_owned(), json!({ "gpu_seconds": time.seconds, "launches": time.launches }))
+            })
+            .collect();
+        json!({
+            "settings": self.settings(statistics),
+            "samples": statistics.sample_count,
+            "samples_per_second": statistics.sample_count as f64 / wall,
+            "rays": statistics.rays(),
+            "rays_per_second": statistics.rays() as f64 / wall,
+            "camera_rays": statistics.camera_rays,
+            "bounce_rays": statistics.bounce_rays,
+            "shadow_rays": statistics.shadow_rays,
+            "nonfinite_samples": statistics.nonfinite_samples,
+            "wall_seconds": wall,
+            "gpu_seconds": statistics.gpu_seconds(),
+            "kernels": kernels,
+            "triangles": self.prepared.triangles.len(),
+            "bvh_nodes": self.prepared.bvh.nodes.len(),
+            "bvh_build_seconds": self.prepared.bvh.build_time.as_secs_f64(),
+            "device_memory_bytes": statistics.memory_bytes,
+            "mean_radiance": mean.mean.to_array(),
+            "mean_radiance_standard_error": mean.standard_error.to_array().map(|e| e.is_finite().then_some(e)),
+        })
+    }
+}
+
+fn write(arguments: &RenderArguments, report: &Report<'_>, outcome: &Outcome) -> anyhow::Result<()> {
+    let metadata: Vec<(String, String)> = report
+        .settings(&outcome.statistics)
+        .into_iter()
+        .map(|(key, value)| (format!("raywave.{key}"), value.as_str().map_or_else(|| value.to_string(), str::to_owned)))
+        .collect();
+    let options = WriteOptions { exposure: arguments.exposure, metadata: &metadata };
+    write_image(&arguments.output, &outcome.film.mean(), &options)?;
+    if let Some(path) = &arguments.stats {
+        let text = serde_json::to_string_pretty(&report.statistics(outcome)).context("statistics become JSON")?;
+        write_text(path, &(text + "\n"))?;
+    }
+    Ok(())
+}
+
+fn summarise(arguments: &RenderArguments, settings: &Settings, statistics: &Statistics) {
+    let seconds = statistics.wall_time.as_secs_f64();
+    let part = if statistics.samples < settings.samples {
+        format!(", of {} asked for", settings.samples)
+    } else {
+        String::new()
+    };
+    eprintln!(
+        "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s",
+        arguments.output.display(),
+        settings.width,
+        settings.height,
+        statistics.samples,
+        statistics.sample_count as f64 / seconds / 1e6,
+        statistics.rays() as f64 / seconds / 1e6,
+    );
+    if statistics.nonfinite_samples > 0 {
+        eprintln!("warning: {} samples were NaN or infinite and are left out", statistics.nonfinite_samples);
+    }
+}

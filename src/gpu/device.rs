@@ -1,0 +1,82 @@
+//! A logical device with one compute queue and its memory.
+
+use std::mem::ManuallyDrop;
+use std::sync::{Arc, Mutex};
+
+use ash::vk;
+use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
+
+use super::error::{Action, GpuError};
+use super::instance::{DeviceDescription, Instance};
+
+/// A device that can run kernels. Cheap to clone: clones are the same device.
+#[derive(Clone)]
+pub struct Device {
+    pub(super) shared: Arc<Shared>,
+}
+
+/// What every object of the device keeps alive.
+pub(super) struct Shared {
+    pub raw: ash::Device,
+    /// Submissions of several executors take turns.
+    pub queue: Mutex<vk::Queue>,
+    /// Dropped by hand, before the device.
+    pub allocator: ManuallyDrop<Mutex<Allocator>>,
+    pub description: DeviceDescription,
+    pub instance: Arc<Instance>,
+}
+
+impl Device {
+    /// Opens a device.
+    ///
+    /// # Errors
+    /// When the driver refuses.
+    pub fn open(instance: &Arc<Instance>, description: DeviceDescription) -> Result<Self, GpuError> {
+        let queues =
+            [vk::DeviceQueueCreateInfo::default().queue_family_index(description.queue_family).queue_priorities(&[1.0])];
+        let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues);
+        // SAFETY: the physical device comes from this instance; `info` holds locals only.
+        let raw = unsafe { instance.raw.create_device(description.raw, &info, None) }.during("opening the device")?;
+        // SAFETY: the family was asked for with one queue.
+        let queue = unsafe { raw.get_device_queue(description.queue_family, 0) };
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.raw.clone(),
+            device: raw.clone(),
+            physical_device: description.raw,
+            debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
+            buffer_device_address: false,
+            allocation_sizes: gpu_allocator::AllocationSizes::default(),
+        })
+        .map_err(|source| GpuError::Allocation { buffer: "the allocator", bytes: 0, source })?;
+        Ok(Self {
+            shared: Arc::new(Shared {
+                raw,
+                queue: Mutex::new(queue),
+                allocator: ManuallyDrop::new(Mutex::new(allocator)),
+                description,
+                instance: Arc::clone(instance),
+            }),
+        })
+    }
+
+    /// What the device is.
+    pub fn description(&self) -> &DeviceDescription {
+        &self.shared.description
+    }
+
+    /// What the validation layer has said so far; empty when all is well.
+    pub fn validation_messages(&self) -> Vec<String> {
+        self.shared.instance.validation_messages()
+    }
+}
+
+impl Drop for Shared {
+    fn drop(&mut self) {
+        // SAFETY: buffers, pipelines and executors hold `Shared` by reference count, so none is
+        // left; the allocator frees its memory before the device goes, and is not used after.
+        unsafe {
+            ManuallyDrop::drop(&mut self.allocator);
+            self.raw.destroy_device(None);
+        }
+    }
+}

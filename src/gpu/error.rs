@@ -1,0 +1,51 @@
+//! What can go wrong on the device.
+
+use ash::vk;
+use thiserror::Error;
+
+/// An error of the Vulkan room. Each names the resource that failed and what to do.
+#[derive(Debug, Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum GpuError {
+    #[error(
+        "no Vulkan loader was found ({0}); install it: on Debian or Ubuntu `apt install libvulkan1 mesa-vulkan-drivers`"
+    )]
+    NoLoader(ash::LoadingError),
+    #[error(
+        "no Vulkan driver was found; install one: `apt install mesa-vulkan-drivers` gives lavapipe, which needs no GPU, or install the driver of your card"
+    )]
+    NoDriver,
+    #[error("no device is a Vulkan 1.2 device with compute; `raywave devices` lists what there is")]
+    NoUsableDevice,
+    #[error("no device is called or numbered '{wanted}'; there are: {available}")]
+    UnknownDevice { wanted: String, available: String },
+    #[error("device '{name}' cannot be used: {reason}")]
+    UnusableDevice { name: String, reason: String },
+    #[error("the Vulkan validation layer was asked for and is not installed; `apt install vulkan-validationlayers`")]
+    NoValidationLayer,
+    #[error("{buffer} needs {needed} bytes in one buffer and the device allows {allowed}; {advice}")]
+    BufferTooLarge { buffer: &'static str, needed: u64, allowed: u64, advice: &'static str },
+    #[error("the render needs {needed} bytes of device memory and the device has {available}; use a smaller scene, image or --in-flight")]
+    OutOfMemory { needed: u64, available: u64 },
+    #[error("memory for {buffer} ({bytes} bytes) could not be had: {source}")]
+    Allocation { buffer: &'static str, bytes: u64, source: gpu_allocator::AllocationError },
+    #[error("kernel {kernel} binds {binding}, which nobody provides")]
+    UnboundBinding { kernel: &'static str, binding: &'static str },
+    #[error("kernel {kernel} could not be built: {result}")]
+    Pipeline { kernel: &'static str, result: vk::Result },
+    #[error("the device was lost while it ran {pass}")]
+    DeviceLost { pass: String },
+    #[error("{action} failed: {result}")]
+    Vulkan { action: &'static str, result: vk::Result },
+}
+
+/// Names the call of a Vulkan result.
+pub(super) trait Action<T> {
+    fn during(self, action: &'static str) -> Result<T, GpuError>;
+}
+
+impl<T> Action<T> for Result<T, vk::Result> {
+    fn during(self, action: &'static str) -> Result<T, GpuError> {
+        self.map_err(|result| GpuError::Vulkan { action, result })
+    }
+}

@@ -1,0 +1,586 @@
+//! Runs recordings: binds by name, orders by what each kernel reads and writes, and times.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::sync::Arc;
+
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+
+use super::buffer::Buffer;
+use super::device::{Device, Shared};
+use super::error::{Action, GpuError};
+use super::pipeline::{Pipelines, descriptor_type};
+use crate::recording::{Pass, Recording};
+use crate::shaders::{self, BindingKind};
+
+/// How kernels see a buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BufferUse {
+    /// Constants of the render.
+    Uniform,
+    /// Scene data of that many bytes a texel (8 or 16): a texel or storage buffer.
+    Scene {
+        /// 8 or 16.
+        texel_bytes: u64,
+    },
+    /// State that kernels read and write.
+    State,
+}
+
+/// A buffer by its GLSL name.
+#[derive(Debug, Clone)]
+pub struct BufferRole<'a> {
+    /// Name of the GLSL variable.
+    pub name: &'static str,
+    /// How kernels see it.
+    pub usage: BufferUse,
+    /// Bytes, above 0.
+    pub size: u64,
+    /// First contents; zeros without.
+    pub contents: Option<&'a [u8]>,
+}
+
+/// What an executor is made from.
+pub struct ExecutorDescription<'a> {
+    /// Kernels that recordings will name.
+    pub kernels: &'a [&'static str],
+    /// Specialization constants by id.
+    pub specialization: &'a [u32],
+    /// Every buffer that the kernels bind.
+    pub buffers: Vec<BufferRole<'a>>,
+}
+
+/// Time and launches of a kernel.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct KernelTime {
+    /// Seconds between the end of the pass before and the end of this one, summed.
+    pub seconds: f64,
+    /// Dispatches.
+    pub launches: u64,
+}
+
+/// Passes that one command buffer can time.
+const MAX_TIMED_PASSES: u32 = 2048;
+/// Bytes of the buffer that carries data to and from the device.
+const STAGING_BYTES: u64 = 16 << 20;
+/// Submissions that the device may have at once.
+const SLOTS: usize = 2;
+
+/// Runs recordings on a device, with its own buffers and pipelines.
+pub struct Executor {
+    buffers: HashMap<&'static str, Buffer>,
+    pipelines: Pipelines,
+    descriptor_pool: vk::DescriptorPool,
+    sets: Vec<vk::DescriptorSet>,
+    command_pool: vk::CommandPool,
+    slots: Vec<Slot>,
+    next_slot: usize,
+    staging: Buffer,
+    times: BTreeMap<&'static str, KernelTime>,
+    texel_fetch: bool,
+    memory_bytes: u64,
+    device: Arc<Shared>,
+}
+
+/// A command buffer that is free or on its way.
+struct Slot {
+    commands: vk::CommandBuffer,
+    fence: vk::Fence,
+    queries: vk::QueryPool,
+    /// Kernels of the passes in flight, one per timestamp after the first.
+    pending: Option<Vec<&'static str>>,
+}
+
+impl Executor {
+    /// Makes buffers and pipelines, and uploads the first contents.
+    ///
+    /// Scene buffers are read by texels on software devices, which is faster there, and on any
+    /// device where only the texel limit is wide enough.
+    ///
+    /// # Errors
+    /// When a buffer is over the device's limits or its memory, or a kernel cannot be built.
+    pub fn new(device: &Device, description: ExecutorDescription<'_>) -> Result<Self, GpuError> {
+        let shared = &device.shared;
+        let limits = &shared.description;
+        let fits_storage = |role: &BufferRole<'_>| role.size <= limits.max_storage_buffer_bytes;
+        let fits_texels = |role: &BufferRole<'_>| match role.usage {
+            BufferUse::Scene { texel_bytes } => role.size / texel_bytes <= limits.max_texel_buffer_elements,
+            _ => true,
+        };
+        let scene = |role: &&BufferRole<'_>| matches!(role.usage, BufferUse::Scene { .. });
+        let all_texels = description.buffers.iter().filter(scene).all(fits_texels);
+        let all_storage = description.buffers.iter().filter(scene).all(fits_storage);
+        let texel_fetch = all_texels && (limits.kind == super::DeviceKind::Cpu || !all_storage);
+        for role in &description.buffers {
+            let advice = match role.usage {
+                BufferUse::Scene { .. } => "use a smaller scene",
+                _ => "use a smaller image or --in-flight",
+            };
+            let by_texels = texel_fetch && scene(&role);
+            if !by_texels && !fits_storage(role) {
+                let allowed = limits.max_storage_buffer_bytes;
+                return Err(GpuError::BufferTooLarge { buffer: role.name, needed: role.size, allowed, advice });
+            }
+        }
+        let needed = description.buffers.iter().map(|role| role.size).sum::<u64>() + STAGING_BYTES;
+        if needed > limits.memory_bytes {
+            return Err(GpuError::OutOfMemory { needed, available: limits.memory_bytes });
+        }
+
+        let variant = shaders::variant_index(texel_fetch, limits.subgroup_ballot);
+        let pipelines = Pipelines::new(shared, description.kernels, variant, description.specialization)?;
+        let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
+        let staging = Buffer::new(shared, "staging", STAGING_BYTES, transfer, MemoryLocation::CpuToGpu)?;
+        let mut executor = Self {
+            buffers: HashMap::new(),
+            pipelines,
+            descriptor_pool: vk::DescriptorPool::null(),
+            sets: Vec::new(),
+            command_pool: vk::CommandPool::null(),
+            slots: Vec::new(),
+            next_slot: 0,
+            staging,
+            times: BTreeMap::new(),
+            texel_fetch,
+            memory_bytes: needed,
+            device: Arc::clone(shared),
+        };
+        executor.make_slots()?;
+        for role in &description.buffers {
+            executor.make_buffer(role)?;
+        }
+        executor.make_sets()?;
+        Ok(executor)
+    }
+
+    /// Whether scene buffers are read by texels.
+    pub fn texel_fetch(&self) -> bool {
+        self.texel_fetch
+    }
+
+    /// Bytes of device memory that the buffers take.
+    pub fn memory_bytes(&self) -> u64 {
+        self.memory_bytes
+    }
+
+    /// Time and launches of each kernel, of the recordings that have been waited for.
+    pub fn kernel_times(&self) -> &BTreeMap<&'static str, KernelTime> {
+        &self.times
+    }
+
+    /// Starts a recording. At most two are under way: a third waits for the first.
+    ///
+    /// # Errors
+    /// When the device is lost or out of memory.
+    pub fn submit(&mut self, recording: &Recording) -> Result<(), GpuError> {
+        // A command buffer has a limit of passes that it can time.
+        for passes in recording.passes.chunks(MAX_TIMED_PASSES as usize) {
+            let slot = self.next_slot;
+            self.next_slot = (slot + 1) % SLOTS;
+            self.finish(slot)?;
+            self.record(slot, passes)?;
+            self.launch(slot)?;
+        }
+        Ok(())
+    }
+
+    /// Waits for everything that was submitted.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    pub fn wait(&mut self) -> Result<(), GpuError> {
+        (0..SLOTS).try_for_each(|i| self.finish((self.next_slot + i) % SLOTS))
+    }
+
+    /// Copies a whole buffer to the host, after everything that was submitted.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    ///
+    /// # Panics
+    /// When no buffer has that name.
+    pub fn read(&mut self, name: &str) -> Result<Vec<u8>, GpuError> {
+        self.wait()?;
+        let size = self.buffers[name].size;
+        let mut bytes = Vec::with_capacity(size as usize);
+        while (bytes.len() as u64) < size {
+            let offset = bytes.len() as u64;
+            let length = (size - offset).min(STAGING_BYTES);
+            let regions = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: length }];
+            let (source, staging) = (self.buffers[name].raw, self.staging.raw);
+            self.run_once(|device, commands| {
+                // SAFETY: both buffers are alive and the region lies in both.
+                unsafe { device.cmd_copy_buffer(commands, source, staging, &regions) }
+            })?;
+            bytes.extend_from_slice(&self.staging.bytes()[..length as usize]);
+        }
+        Ok(bytes)
+    }
+
+    /// Overwrites a buffer from its start, after everything that was submitted.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    ///
+    /// # Panics
+    /// When no buffer has that name or it is too small.
+    pub fn write(&mut self, name: &str, bytes: &[u8]) -> Result<(), GpuError> {
+        self.wait()?;
+        assert!(bytes.len() as u64 <= self.buffers[name].size, "the contents of {name} fit it");
+        for (i, chunk) in bytes.chunks(STAGING_BYTES as usize).enumerate() {
+            self.staging.bytes()[..chunk.len()].copy_from_slice(chunk);
+            let regions =
+                [vk::BufferCopy { src_offset: 0, dst_offset: i as u64 * STAGING_BYTES, size: chunk.len() as u64 }];
+            let (staging, target) = (self.staging.raw, self.buffers[name].raw);
+            self.run_once(|device, commands| {
+                // SAFETY: both buffers are alive and the region lies in both.
+                unsafe { device.cmd_copy_buffer(commands, staging, target, &regions) }
+            })?;
+        }
+        Ok(())
+    }
+
+    fn make_slots(&mut self) -> Result<(), GpuError> {
+        let device = &self.device.raw;
+        let info = vk::CommandPoolCreateInfo::default()
+            .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER)
+            .queue_family_index(self.device.description.queue_family);
+        // SAFETY: the family is the device's own.
+        self.command_pool = unsafe { device.create_command_pool(&info, None) }.during("making a command pool")?;
+        let info = vk::CommandBufferAllocateInfo::default()
+            .command_pool(self.command_pool)
+            .level(vk::CommandBufferLevel::PRIMARY)
+            .command_buffer_count(SLOTS as u32);
+        // SAFETY: the pool was just made.
+        let buffers = unsafe { device.allocate_command_buffers(&info) }.during("making command buffers")?;
+        for commands in buffers {
+            let info = vk::QueryPoolCreateInfo::default()
+                .query_type(vk::QueryType::TIMESTAMP)
+                .query_count(MAX_TIMED_PASSES + 1);
+            // SAFETY: the infos are complete; `drop` destroys what was made.
+            let (fence, queries) = unsafe {
+                (
+                    device.create_fence(&vk::FenceCreateInfo::default(), None).during("making a fence")?,
+                    device.create_query_pool(&info, None).during("making a query pool")?,
+                )
+            };
+            self.slots.push(Slot { commands, fence, queries, pending: None });
+        }
+        Ok(())
+    }
+
+    fn make_buffer(&mut self, role: &BufferRole<'_>) -> Result<(), GpuError> {
+        let kind = match role.usage {
+            BufferUse::Uniform => vk::BufferUsageFlags::UNIFORM_BUFFER,
+            BufferUse::Scene { .. } if self.texel_fetch => vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER,
+            BufferUse::Scene { .. } => vk::BufferUsageFlags::STORAGE_BUFFER,
+            BufferUse::State => vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::INDIRECT_BUFFER,
+        };
+        let usage = kind | vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
+        let mut buffer = Buffer::new(&self.device, role.name, role.size, usage, MemoryLocation::GpuOnly)?;
+        if let (BufferUse::Scene { texel_bytes }, true) = (role.usage, self.texel_fetch) {
+            buffer.view_as(if texel_bytes == 16 { vk::Format::R32G32B32A32_UINT } else { vk::Format::R32G32_UINT })?;
+        }
+        let raw = buffer.raw;
+        self.buffers.insert(role.name, buffer);
+        if let Some(contents) = role.contents {
+            self.write(role.name, contents)
+        } else {
+            self.run_once(|device, commands| {
+                // SAFETY: the buffer is alive and has transfer usage.
+                unsafe { device.cmd_fill_buffer(commands, raw, 0, vk::WHOLE_SIZE, 0) }
+            })
+        }
+    }
+
+    fn make_sets(&mut self) -> Result<(), GpuError> {
+        let device = &self.device.raw;
+        let mut counts: HashMap<vk::DescriptorType, u32> = HashMap::new();
+        for binding in self.pipelines.bindings.values() {
+            *counts.entry(descriptor_type(binding.kind)).or_default() += 1;
+        }
+        let sizes: Vec<_> =
+            counts.into_iter().map(|(ty, descriptor_count)| vk::DescriptorPoolSize { ty, descriptor_count }).collect();
+        let info = vk::DescriptorPoolCreateInfo::default()
+            .max_sets(self.pipelines.set_layouts.len() as u32)
+            .pool_sizes(&sizes);
+        // SAFETY: `info` holds locals only.
+        self.descriptor_pool =
+            unsafe { device.create_descriptor_pool(&info, None) }.during("making a descriptor pool")?;
+        let info = vk::DescriptorSetAllocateInfo::default()
+            .descriptor_pool(self.descriptor_pool)
+            .set_layouts(&self.pipelines.set_layouts);
+        // SAFETY: the pool has room for exactly these sets.
+        self.sets = unsafe { device.allocate_descriptor_sets(&info) }.during("making descriptor sets")?;
+        for binding in self.pipelines.bindings.values() {
+            let buffer = self
+                .buffers
+                .get(binding.name)
+                .ok_or(GpuError::UnboundBinding { kernel: "of the render", binding: binding.name })?;
+            let infos = [vk::DescriptorBufferInfo { buffer: buffer.raw, offset: 0, range: vk::WHOLE_SIZE }];
+            let views = [buffer.view];
+            let write = vk::WriteDescriptorSet::default()
+                .dst_set(self.sets[binding.set as usize])
+                .dst_binding(binding.binding)
+                .descriptor_type(descriptor_type(binding.kind));
+            let write = match binding.kind {
+                BindingKind::UniformTexelBuffer => write.texel_buffer_view(&views),
+                _ => write.buffer_info(&infos),
+            };
+            // SAFETY: set, buffer and view are alive, and no submission uses the set yet.
+            unsafe { device.update_descriptor_sets(&[write], &[]) };
+        }
+        Ok(())
+    }
+
+    /// Records passes into a free slot.
+    fn record(&mut self, slot: usize, passes: &[Pass]) -> Result<(), GpuError> {
+        let device = &self.device.raw;
+        let Slot { commands, queries, .. } = self.slots[slot];
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the slot is free; sets, layout and pool are alive until the executor is dropped.
+        unsafe {
+            device.begin_command_buffer(commands, &begin).during("recording commands")?;
+            device.cmd_reset_query_pool(commands, queries, 0, passes.len() as u32 + 1);
+            device.cmd_bind_descriptor_sets(
+                commands,
+                vk::PipelineBindPoint::COMPUTE,
+                self.pipelines.layout,
+                0,
+                &self.sets,
+                &[],
+            );
+        }
+        // What earlier submissions wrote is seen by this one.
+        self.barrier(commands);
+        let mut hazards = Hazards::default();
+        let mut kernels = Vec::with_capacity(passes.len());
+        // SAFETY: the pool has a query for every pass and one more.
+        unsafe { device.cmd_write_timestamp(commands, vk::PipelineStageFlags::BOTTOM_OF_PIPE, queries, 0) };
+        for pass in passes {
+            let (Pass::Dispatch { kernel, batch, .. } | Pass::DispatchIndirect { kernel, batch, .. }) = pass;
+            let (pipeline, variant) = self.pipelines.get(kernel);
+            let indirect = matches!(pass, Pass::DispatchIndirect { .. }).then_some("control");
+            let reads = variant.bindings.iter().filter(|b| b.reads).map(|b| b.name).chain(indirect);
+            let writes = variant.bindings.iter().filter(|b| b.writes).map(|b| b.name);
+            if hazards.needs_barrier(reads, writes) {
+                self.barrier(commands);
+            }
+            let constants = bytemuck::bytes_of(batch);
+            assert_eq!(constants.len() as u32, self.pipelines.push_constant_size, "{kernel} takes a batch");
+            kernels.push(*kernel);
+            // SAFETY: the pipeline belongs to the layout that is bound; indirect arguments lie in
+            // `control`, which has indirect usage; the query index is within the pool.
+            unsafe {
+                device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline);
+                device.cmd_push_constants(
+                    commands,
+                    self.pipelines.layout,
+                    vk::ShaderStageFlags::COMPUTE,
+                    0,
+                    constants,
+                );
+                match pass {
+                    Pass::Dispatch { groups, .. } => device.cmd_dispatch(commands, *groups, 1, 1),
+                    Pass::DispatchIndirect { arguments, .. } => {
+                        device.cmd_dispatch_indirect(commands, self.buffers["control"].raw, *arguments);
+                    }
+                }
+                device.cmd_write_timestamp(
+                    commands,
+                    vk::PipelineStageFlags::BOTTOM_OF_PIPE,
+                    queries,
+                    kernels.len() as u32,
+                );
+            }
+        }
+        self.barrier(commands);
+        // SAFETY: recording was begun above.
+        unsafe { device.end_command_buffer(commands) }.during("recording commands")?;
+        self.slots[slot].pending = Some(kernels);
+        Ok(())
+    }
+
+    /// Makes all that was written visible to all that follows.
+    fn barrier(&self, commands: vk::CommandBuffer) {
+        let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
+        let barriers = [vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE)
+            .dst_access_mask(
+                vk::AccessFlags::SHADER_READ
+                    | vk::AccessFlags::SHADER_WRITE
+                    | vk::AccessFlags::UNIFORM_READ
+                    | vk::AccessFlags::INDIRECT_COMMAND_READ
+                    | vk::AccessFlags::TRANSFER_READ
+                    | vk::AccessFlags::TRANSFER_WRITE,
+            )];
+        // SAFETY: the command buffer is being recorded.
+        unsafe {
+            self.device.raw.cmd_pipeline_barrier(
+                commands,
+                stages | vk::PipelineStageFlags::DRAW_INDIRECT,
+                stages | vk::PipelineStageFlags::DRAW_INDIRECT,
+                vk::DependencyFlags::empty(),
+                &barriers,
+                &[],
+                &[],
+            );
+        }
+    }
+
+    fn launch(&mut self, slot: usize) -> Result<(), GpuError> {
+        let Slot { commands, fence, .. } = self.slots[slot];
+        let buffers = [commands];
+        let submits = [vk::SubmitInfo::default().command_buffers(&buffers)];
+        let queue = self.device.queue.lock().expect("no thread panics while it submits");
+        // SAFETY: the command buffer is complete, the fence is unsignalled, and the lock keeps
+        // other threads from the queue.
+        let result = unsafe { self.device.raw.queue_submit(*queue, &submits, fence) };
+        drop(queue);
+        self.lost(slot, result, "submitting commands")
+    }
+
+    /// Waits for a slot and gathers its times.
+    fn finish(&mut self, slot: usize) -> Result<(), GpuError> {
+        let Slot { fence, queries, .. } = self.slots[slot];
+        if self.slots[slot].pending.is_none() {
+            return Ok(());
+        }
+        // SAFETY: the fence was submitted with the pending commands.
+        let result = unsafe { self.device.raw.wait_for_fences(&[fence], true, u64::MAX) };
+        self.lost(slot, result, "waiting for the device")?;
+        // SAFETY: the fence is signalled and nothing waits for it.
+        unsafe { self.device.raw.reset_fences(&[fence]) }.during("resetting a fence")?;
+        let kernels = self.slots[slot].pending.take().unwrap_or_default();
+        if self.device.description.timestamp_bits == 0 || kernels.is_empty() {
+            for kernel in kernels {
+                self.times.entry(kernel).or_default().launches += 1;
+            }
+            return Ok(());
+        }
+        let mut ticks = vec![0_u64; kernels.len() + 1];
+        // SAFETY: the commands that wrote these queries are complete.
+        unsafe { self.device.raw.get_query_pool_results(queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) }
+            .during("reading timestamps")?;
+        let mask = u64::MAX >> (64 - self.device.description.timestamp_bits.clamp(1, 64));
+        let seconds_per_tick = f64::from(self.device.description.timestamp_period) * 1e-9;
+        for (kernel, pair) in kernels.into_iter().zip(ticks.windows(2)) {
+            let time = self.times.entry(kernel).or_default();
+            time.seconds += (pair[1].wrapping_sub(pair[0]) & mask) as f64 * seconds_per_tick;
+            time.launches += 1;
+        }
+        Ok(())
+    }
+
+    /// Names what ran when the device was lost.
+    fn lost(&self, slot: usize, result: Result<(), vk::Result>, action: &'static str) -> Result<(), GpuError> {
+        result.map_err(|result| match result {
+            vk::Result::ERROR_DEVICE_LOST => {
+                let mut kernels = self.slots[slot].pending.clone().unwrap_or_default();
+                kernels.dedup();
+                GpuError::DeviceLost { pass: kernels.join(", ") }
+            }
+            result => GpuError::Vulkan { action, result },
+        })
+    }
+
+    /// Records, runs and awaits commands that are not passes. Nothing else is under way.
+    fn run_once(&mut self, fill: impl FnOnce(&ash::Device, vk::CommandBuffer)) -> Result<(), GpuError> {
+        let slot = self.next_slot;
+        self.finish(slot)?;
+        let commands = self.slots[slot].commands;
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the slot is free.
+        unsafe { self.device.raw.begin_command_buffer(commands, &begin) }.during("recording commands")?;
+        self.barrier(commands);
+        fill(&self.device.raw, commands);
+        self.host_barrier(commands);
+        // SAFETY: recording was begun above.
+        unsafe { self.device.raw.end_command_buffer(commands) }.during("recording commands")?;
+        self.slots[slot].pending = Some(Vec::new());
+        self.launch(slot)?;
+        self.finish(slot)
+    }
+
+    /// Lets the host read what a copy wrote.
+    fn host_barrier(&self, commands: vk::CommandBuffer) {
+        let barriers = [vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::TRANSFER_WRITE)
+            .dst_access_mask(vk::AccessFlags::HOST_READ)];
+        // SAFETY: the command buffer is being recorded.
+        unsafe {
+            self.device.raw.cmd_pipeline_barrier(
+                commands,
+                vk::PipelineStageFlags::TRANSFER,
+                vk::PipelineStageFlags::HOST,
+                vk::DependencyFlags::empty(),
+                &barriers,
+                &[],
+                &[],
+            );
+        }
+    }
+}
+
+impl Drop for Executor {
+    fn drop(&mut self) {
+        // Whatever the device says, nothing may be destroyed before it has stopped.
+        let _ = self.wait();
+        let device = &self.device.raw;
+        // SAFETY: the device is idle, so nothing uses these objects any more.
+        unsafe {
+            for slot in &self.slots {
+                device.destroy_fence(slot.fence, None);
+                device.destroy_query_pool(slot.queries, None);
+            }
+            device.destroy_command_pool(self.command_pool, None);
+            device.destroy_descriptor_pool(self.descriptor_pool, None);
+        }
+    }
+}
+
+/// Buffers touched since the last barrier.
+#[derive(Default)]
+struct Hazards {
+    read: HashSet<&'static str>,
+    written: HashSet<&'static str>,
+}
+
+impl Hazards {
+    /// Notes a pass, and says whether it must wait for the passes before it.
+    fn needs_barrier(
+        &mut self,
+        reads: impl Iterator<Item = &'static str> + Clone,
+        writes: impl Iterator<Item = &'static str> + Clone,
+    ) -> bool {
+        let after_write = reads.clone().chain(writes.clone()).any(|name| self.written.contains(name));
+        let after_read = writes.clone().any(|name| self.read.contains(name));
+        let hazard = after_write || after_read;
+        if hazard {
+            self.read.clear();
+            self.written.clear();
+        }
+        self.read.extend(reads);
+        self.written.extend(writes);
+        hazard
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passes_wait_for_what_they_share() {
+        let mut hazards = Hazards::default();
+        let mut pass = |reads: &[&'static str], writes: &[&'static str]| {
+            hazards.needs_barrier(reads.iter().copied(), writes.iter().copied())
+        };
+        assert!(!pass(&["scene"], &["hits"]));
+        assert!(!pass(&["scene"], &["film"]), "readers of one buffer do not wait for each other");
+        assert!(pass(&["hits"], &["paths"]), "a read waits for a write");
+        assert!(!pass(&["scene"], &["film"]), "a barrier clears what came before it");
+        assert!(pass(&["scene"], &["hits"]), "a write waits for a read");
+        assert!(pass(&["scene"], &["hits"]), "a write waits for a write");
+    }
+}

@@ -1,0 +1,288 @@
+//! The Vulkan instance, its validation messages, and the devices that it offers.
+
+use std::ffi::{CStr, c_void};
+use std::sync::{Arc, Mutex};
+
+use ash::{ext, vk};
+
+use super::error::{Action, GpuError};
+
+/// Layer that checks every call.
+const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
+
+/// A Vulkan instance.
+pub struct Instance {
+    pub(super) raw: ash::Instance,
+    messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    /// Boxed: the messenger holds a pointer to it.
+    messages: Arc<Messages>,
+    _entry: ash::Entry,
+}
+
+type Messages = Mutex<Vec<String>>;
+
+/// What a device is, in the order in which raywave prefers them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum DeviceKind {
+    /// A card of its own.
+    Discrete,
+    /// Part of the processor.
+    Integrated,
+    /// A share of a card.
+    Virtual,
+    /// Software.
+    Cpu,
+    /// The driver does not say.
+    Other,
+}
+
+/// A device and what matters of it here.
+#[derive(Debug, Clone)]
+pub struct DeviceDescription {
+    pub(super) raw: vk::PhysicalDevice,
+    /// Name that the driver gives.
+    pub name: String,
+    /// What it is.
+    pub kind: DeviceKind,
+    /// Name and version of the driver.
+    pub driver: String,
+    /// Highest Vulkan version, as major.minor.patch.
+    pub vulkan_version: String,
+    /// Lanes of a subgroup.
+    pub subgroup_size: u32,
+    /// Whether compute shaders have subgroup ballots.
+    pub subgroup_ballot: bool,
+    /// Most bytes that a storage buffer binding can span.
+    pub max_storage_buffer_bytes: u64,
+    /// Most texels that a texel buffer can have.
+    pub max_texel_buffer_elements: u64,
+    /// Most invocations of a workgroup.
+    pub max_workgroup_size: u32,
+    /// Most workgroups of a dispatch in one dimension.
+    pub max_workgroups: u32,
+    /// Bytes of the largest device-local memory heap.
+    pub memory_bytes: u64,
+    /// Nanoseconds per tick of the timestamp counter; 0 where it has none.
+    pub timestamp_period: f32,
+    /// Why it cannot be used, if it cannot.
+    pub unusable: Option<String>,
+    pub(super) queue_family: u32,
+    pub(super) timestamp_bits: u32,
+}
+
+impl Instance {
+    /// Starts Vulkan. With `validation`, the validation layer checks every call, synchronisation
+    /// included, and its words are kept for [`Instance::validation_messages`].
+    ///
+    /// # Errors
+    /// When there is no loader, no driver, or no validation layer where one is wanted.
+    pub fn new(validation: bool) -> Result<Self, GpuError> {
+        // SAFETY: the loader is a library that expects to be loaded this way; it outlives every
+        // object made from it because `Instance` owns it.
+        let entry = unsafe { ash::Entry::load() }.map_err(GpuError::NoLoader)?;
+        // SAFETY: enumeration has no preconditions.
+        let layers = unsafe { entry.enumerate_instance_layer_properties() }.during("listing the Vulkan layers")?;
+        if validation && !layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER)) {
+            return Err(GpuError::NoValidationLayer);
+        }
+
+        let application = vk::ApplicationInfo::default().application_name(c"raywave").api_version(vk::API_VERSION_1_2);
+        let layer_names: Vec<_> = validation.then_some(VALIDATION_LAYER.as_ptr()).into_iter().collect();
+        let extensions: Vec<_> = if validation {
+            vec![ext::debug_utils::NAME.as_ptr(), ext::validation_features::NAME.as_ptr()]
+        } else {
+            Vec::new()
+        };
+        let mut features = vk::ValidationFeaturesEXT::default()
+            .enabled_validation_features(&[vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION]);
+        let mut info = vk::InstanceCreateInfo::default()
+            .application_info(&application)
+            .enabled_layer_names(&layer_names)
+            .enabled_extension_names(&extensions);
+        if validation {
+            info = info.push_next(&mut features);
+        }
+        // SAFETY: every pointer in `info` refers to a local that outlives the call.
+        let raw = unsafe { entry.create_instance(&info, None) }.map_err(|result| match result {
+            vk::Result::ERROR_INCOMPATIBLE_DRIVER => GpuError::NoDriver,
+            result => GpuError::Vulkan { action: "starting Vulkan", result },
+        })?;
+
+        let messages = Arc::new(Messages::default());
+        let mut instance = Self { raw, messenger: None, messages, _entry: entry };
+        if validation {
+            instance.listen()?;
+        }
+        Ok(instance)
+    }
+
+    /// Keeps what the validation layer says.
+    fn listen(&mut self) -> Result<(), GpuError> {
+        let loader = ext::debug_utils::Instance::new(&self._entry, &self.raw);
+        let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
+            .message_severity(
+                vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
+            )
+            .message_type(
+                vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION | vk::DebugUtilsMessageTypeFlagsEXT::PERFORMANCE,
+            )
+            .pfn_user_callback(Some(on_message))
+            .user_data(Arc::as_ptr(&self.messages).cast_mut().cast());
+        // SAFETY: the extension is enabled, and `messages` outlives the messenger: `drop` destroys
+        // the messenger first.
+        let messenger =
+            unsafe { loader.create_debug_utils_messenger(&info, None) }.during("listening to the validation layer")?;
+        self.messenger = Some((loader, messenger));
+        Ok(())
+    }
+
+    /// What the validation layer has said so far; empty when all is well.
+    pub fn validation_messages(&self) -> Vec<String> {
+        self.messages.lock().map(|messages| messages.clone()).unwrap_or_default()
+    }
+
+    /// Every device, in the driver's order: the index of one is its number for `--device`.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn devices(&self) -> Result<Vec<DeviceDescription>, GpuError> {
+        // SAFETY: the instance is alive.
+        let raw = unsafe { self.raw.enumerate_physical_devices() }.during("listing the devices")?;
+        let devices: Vec<_> = raw.into_iter().map(|raw| self.describe(raw)).collect();
+        if devices.is_empty() { Err(GpuError::NoDriver) } else { Ok(devices) }
+    }
+
+    /// The device with that number or with that text in its name or its driver's, whatever the
+    /// case; without a wish the best kind, and the first among equals.
+    ///
+    /// # Errors
+    /// When there is no such device, or it cannot be used.
+    pub fn choose(&self, wanted: Option<&str>) -> Result<DeviceDescription, GpuError> {
+        let devices = self.devices()?;
+        let Some(wanted) = wanted else {
+            return devices
+                .into_iter()
+                .filter(|device| device.unusable.is_none())
+                .min_by_key(|device| device.kind)
+                .ok_or(GpuError::NoUsableDevice);
+        };
+        let names = || {
+            let list: Vec<_> = devices.iter().enumerate().map(|(i, device)| format!("{i} {}", device.name)).collect();
+            list.join(", ")
+        };
+        let by_number = wanted.parse().ok().and_then(|index: usize| devices.get(index));
+        let text = wanted.to_lowercase();
+        let by_name =
+            || devices.iter().find(|d| format!("{} {}", d.name, d.driver).to_lowercase().contains(&text));
+        let device = by_number
+            .or_else(by_name)
+            .ok_or_else(|| GpuError::UnknownDevice { wanted: wanted.to_owned(), available: names() })?;
+        match &device.unusable {
+            None => Ok(device.clone()),
+            Some(reason) => Err(GpuError::UnusableDevice { name: device.name.clone(), reason: reason.clone() }),
+        }
+    }
+
+    fn describe(&self, raw: vk::PhysicalDevice) -> DeviceDescription {
+        let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
+        let mut driver = vk::PhysicalDeviceDriverProperties::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut subgroup).push_next(&mut driver);
+        // SAFETY: `raw` comes from this instance, and the chain consists of locals. Structs that a
+        // Vulkan 1.0 device does not know are left as they are.
+        let (memory, families) = unsafe {
+            self.raw.get_physical_device_properties2(raw, &mut properties);
+            (
+                self.raw.get_physical_device_memory_properties(raw),
+                self.raw.get_physical_device_queue_family_properties(raw),
+            )
+        };
+        let core = properties.properties;
+        let family = families.iter().position(|family| family.queue_flags.contains(vk::QueueFlags::COMPUTE));
+        let version = core.api_version;
+        let text = |name: Result<&CStr, _>| name.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let heaps = &memory.memory_heaps[..memory.memory_heap_count as usize];
+        let unusable = if version < vk::API_VERSION_1_2 {
+            Some("it has no Vulkan 1.2".to_owned())
+        } else if family.is_none() {
+            Some("it has no compute queue".to_owned())
+        } else {
+            None
+        };
+        DeviceDescription {
+            raw,
+            name: text(core.device_name_as_c_str()),
+            kind: match core.device_type {
+                vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::Discrete,
+                vk::PhysicalDeviceType::INTEGRATED_GPU => DeviceKind::Integrated,
+                vk::PhysicalDeviceType::VIRTUAL_GPU => DeviceKind::Virtual,
+                vk::PhysicalDeviceType::CPU => DeviceKind::Cpu,
+                _ => DeviceKind::Other,
+            },
+            driver: format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str()))
+                .trim()
+                .to_owned(),
+            vulkan_version: format!(
+                "{}.{}.{}",
+                vk::api_version_major(version),
+                vk::api_version_minor(version),
+                vk::api_version_patch(version)
+            ),
+            subgroup_size: subgroup.subgroup_size,
+            subgroup_ballot: subgroup
+                .supported_operations
+                .contains(vk::SubgroupFeatureFlags::BASIC | vk::SubgroupFeatureFlags::BALLOT)
+                && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE),
+            max_storage_buffer_bytes: u64::from(core.limits.max_storage_buffer_range),
+            max_texel_buffer_elements: u64::from(core.limits.max_texel_buffer_elements),
+            max_workgroup_size: core
+                .limits
+                .max_compute_work_group_invocations
+                .min(core.limits.max_compute_work_group_size[0]),
+            max_workgroups: core.limits.max_compute_work_group_count[0],
+            memory_bytes: heaps
+                .iter()
+                .filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
+                .map(|heap| heap.size)
+                .max()
+                .unwrap_or(0),
+            timestamp_period: core.limits.timestamp_period,
+            unusable,
+            queue_family: family.unwrap_or(0) as u32,
+            timestamp_bits: family.map_or(0, |index| families[index].timestamp_valid_bits),
+        }
+    }
+}
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        // SAFETY: devices hold the instance by reference count, so none is left; the messenger
+        // goes before the instance that it belongs to.
+        unsafe {
+            if let Some((loader, messenger)) = self.messenger.take() {
+                loader.destroy_debug_utils_messenger(messenger, None);
+            }
+            self.raw.destroy_instance(None);
+        }
+    }
+}
+
+/// Stores a message of the validation layer.
+///
+/// # Safety
+/// Called by Vulkan alone, with valid `data` and with the `user_data` that `listen` passed.
+unsafe extern "system" fn on_message(
+    _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
+    _kind: vk::DebugUtilsMessageTypeFlagsEXT,
+    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
+    user_data: *mut c_void,
+) -> vk::Bool32 {
+    // SAFETY: Vulkan passes a valid struct, and `user_data` is the `Messages` of a live instance.
+    unsafe {
+        let messages = &*user_data.cast::<Messages>();
+        let text = (*data).message_as_c_str().map(|m| m.to_string_lossy().into_owned()).unwrap_or_default();
+        if let Ok(mut messages) = messages.lock() {
+            messages.push(text);
+        }
+    }
+    vk::FALSE
+}

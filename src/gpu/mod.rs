@@ -1,0 +1,17 @@
+//! Vulkan: devices, memory, pipelines and the executor of recordings.
+//!
+//! The only room with `ash` and with `unsafe`. It knows kernels by the table and buffers by their
+//! roles; it knows nothing of scenes or of light.
+#![allow(unsafe_code)]
+
+mod buffer;
+mod device;
+mod error;
+mod executor;
+mod instance;
+mod pipeline;
+
+pub use device::Device;
+pub use error::GpuError;
+pub use executor::{BufferRole, BufferUse, Executor, ExecutorDescription, KernelTime};
+pub use instance::{DeviceDescription, DeviceKind, Instance};

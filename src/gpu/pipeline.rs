@@ -1,0 +1,145 @@
+//! Compute pipelines, made from the kernel table.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::device::Shared;
+use super::error::{Action, GpuError};
+use crate::shaders::{self, Binding, BindingKind, Variant};
+
+/// The kernels of a render: one pipeline each, one layout for all, so that descriptor sets are
+/// bound once.
+pub(super) struct Pipelines {
+    pub layout: vk::PipelineLayout,
+    /// By set number.
+    pub set_layouts: Vec<vk::DescriptorSetLayout>,
+    /// Union of the kernels' bindings, by set and binding.
+    pub bindings: BTreeMap<(u32, u32), Binding>,
+    pub push_constant_size: u32,
+    kernels: BTreeMap<&'static str, (vk::Pipeline, &'static Variant)>,
+    device: Arc<Shared>,
+}
+
+impl Pipelines {
+    /// Builds `names` in the given variant. `specialization[i]` is the constant of id `i`.
+    pub fn new(
+        device: &Arc<Shared>,
+        names: &[&'static str],
+        variant: usize,
+        specialization: &[u32],
+    ) -> Result<Self, GpuError> {
+        let mut pipelines = Self {
+            layout: vk::PipelineLayout::null(),
+            set_layouts: Vec::new(),
+            bindings: BTreeMap::new(),
+            push_constant_size: 0,
+            kernels: BTreeMap::new(),
+            device: Arc::clone(device),
+        };
+        for name in names {
+            let variant = &shaders::kernel(name).variants[variant];
+            pipelines.bindings.extend(variant.bindings.iter().map(|b| ((b.set, b.binding), *b)));
+            pipelines.push_constant_size = pipelines.push_constant_size.max(variant.push_constant_size);
+        }
+        pipelines.make_layout()?;
+        for name in names {
+            let variant = &shaders::kernel(name).variants[variant];
+            let pipeline = pipelines.build(name, variant, specialization)?;
+            pipelines.kernels.insert(name, (pipeline, variant));
+        }
+        Ok(pipelines)
+    }
+
+    /// The pipeline of a kernel and what it binds.
+    pub fn get(&self, name: &str) -> (vk::Pipeline, &'static Variant) {
+        *self.kernels.get(name).expect("a recording names only kernels that its executor was made with")
+    }
+
+    fn make_layout(&mut self) -> Result<(), GpuError> {
+        let sets = self.bindings.keys().map(|(set, _)| set + 1).max().unwrap_or(0);
+        for set in 0..sets {
+            let bindings: Vec<_> = self
+                .bindings
+                .values()
+                .filter(|binding| binding.set == set)
+                .map(|binding| {
+                    vk::DescriptorSetLayoutBinding::default()
+                        .binding(binding.binding)
+                        .descriptor_type(descriptor_type(binding.kind))
+                        .descriptor_count(1)
+                        .stage_flags(vk::ShaderStageFlags::COMPUTE)
+                })
+                .collect();
+            let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+            // SAFETY: `info` holds locals only.
+            let layout = unsafe { self.device.raw.create_descriptor_set_layout(&info, None) }
+                .during("making a descriptor set layout")?;
+            self.set_layouts.push(layout);
+        }
+        let ranges = [vk::PushConstantRange::default()
+            .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            .size(self.push_constant_size)];
+        let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&self.set_layouts).push_constant_ranges(&ranges);
+        // SAFETY: the set layouts are alive.
+        self.layout =
+            unsafe { self.device.raw.create_pipeline_layout(&info, None) }.during("making a pipeline layout")?;
+        Ok(())
+    }
+
+    fn build(
+        &self,
+        name: &'static str,
+        variant: &Variant,
+        specialization: &[u32],
+    ) -> Result<vk::Pipeline, GpuError> {
+        let words: Vec<u32> = bytemuck::pod_collect_to_vec(variant.spirv);
+        let info = vk::ShaderModuleCreateInfo::default().code(&words);
+        // SAFETY: the words are SPIR-V that the build compiled for Vulkan 1.2.
+        let module = unsafe { self.device.raw.create_shader_module(&info, None) }
+            .map_err(|result| GpuError::Pipeline { kernel: name, result })?;
+        let entries: Vec<_> = (0..specialization.len() as u32)
+            .map(|id| vk::SpecializationMapEntry { constant_id: id, offset: 4 * id, size: 4 })
+            .collect();
+        let constants = vk::SpecializationInfo::default()
+            .map_entries(&entries)
+            .data(bytemuck::cast_slice(specialization));
+        let stage = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main")
+            .specialization_info(&constants);
+        let infos = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout)];
+        // SAFETY: module and layout are alive, and the layout holds every binding of the kernel.
+        let built =
+            unsafe { self.device.raw.create_compute_pipelines(vk::PipelineCache::null(), &infos, None) };
+        // SAFETY: a pipeline does not need its module once it is built.
+        unsafe { self.device.raw.destroy_shader_module(module, None) };
+        built.map(|pipelines| pipelines[0]).map_err(|(_, result)| GpuError::Pipeline { kernel: name, result })
+    }
+}
+
+impl Drop for Pipelines {
+    fn drop(&mut self) {
+        // SAFETY: the executor waits for the device before it drops its pipelines.
+        unsafe {
+            for (pipeline, _) in self.kernels.values() {
+                self.device.raw.destroy_pipeline(*pipeline, None);
+            }
+            self.device.raw.destroy_pipeline_layout(self.layout, None);
+            for layout in &self.set_layouts {
+                self.device.raw.destroy_descriptor_set_layout(*layout, None);
+            }
+        }
+    }
+}
+
+/// The Vulkan name of a binding's kind.
+pub(super) fn descriptor_type(kind: BindingKind) -> vk::DescriptorType {
+    match kind {
+        BindingKind::UniformBuffer => vk::DescriptorType::UNIFORM_BUFFER,
+        BindingKind::StorageBuffer => vk::DescriptorType::STORAGE_BUFFER,
+        BindingKind::UniformTexelBuffer => vk::DescriptorType::UNIFORM_TEXEL_BUFFER,
+    }
+}

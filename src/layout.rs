@@ -1,0 +1,213 @@
+//! The one home of structs that the GPU sees. A test compares them with the SPIR-V.
+//!
+//! Scene records are read as 16-byte (or 8-byte) texels of bits, so their fields are arranged by
+//! texel. Lengths are in normalised scene units (the scene's bounds fit [-1, 1]³), radiance in
+//! the scene's.
+
+use bytemuck::{Pod, Zeroable};
+
+/// What is uniform over a render. 116 bytes of a std140 block.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[allow(missing_docs, reason = "each field is described at its GLSL twin")]
+pub struct Frame {
+    pub camera_eye: [f32; 3],
+    pub lens_radius: f32,
+    pub camera_right: [f32; 3],
+    pub focus_distance: f32,
+    pub camera_up: [f32; 3],
+    pub roulette: f32,
+    pub camera_forward: [f32; 3],
+    pub max_bounces: u32,
+    pub environment_radiance: [f32; 3],
+    pub seed: u32,
+    pub width: u32,
+    pub height: u32,
+    pub light_count: u32,
+    pub light_area: f32,
+    pub environment_width: u32,
+    pub environment_height: u32,
+    pub path_capacity: u32,
+}
+
+/// Inner BVH node: the boxes and references of its two children. 64 bytes, 4 texels.
+///
+/// A reference with `LEAF_BIT` is a leaf: 4 bits of triangle count, 27 bits of first triangle.
+/// Without it, it is the index of a node. A child that is not there is a leaf of no triangles
+/// in a box far away: an inverted box could be entered by a test that sorts its planes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Node {
+    /// Lower corner of the left child's box.
+    pub left_low: [f32; 3],
+    /// Reference to the left child.
+    pub left: u32,
+    /// Upper corner of the left child's box.
+    pub left_high: [f32; 3],
+    /// Not used.
+    pub unused0: u32,
+    /// Lower corner of the right child's box.
+    pub right_low: [f32; 3],
+    /// Reference to the right child.
+    pub right: u32,
+    /// Upper corner of the right child's box.
+    pub right_high: [f32; 3],
+    /// Not used.
+    pub unused1: u32,
+}
+
+/// Triangle in leaf order. 48 bytes, 3 texels.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Triangle {
+    /// First vertex.
+    pub v0: [f32; 3],
+    /// Index of the triangle in the scene's order.
+    pub original: u32,
+    /// Second vertex.
+    pub v1: [f32; 3],
+    /// Index of the material.
+    pub material: u32,
+    /// Third vertex.
+    pub v2: [f32; 3],
+    /// Not used.
+    pub unused: u32,
+}
+
+/// Material. 64 bytes, 4 texels.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Material {
+    /// Lambert reflectance, [0, 1].
+    pub kd: [f32; 3],
+    /// One of `SURFACE_*`.
+    pub surface: u32,
+    /// Phong lobe weight or mirror reflectance, [0, 1].
+    pub ks: [f32; 3],
+    /// Phong exponent, at least 0.
+    pub ns: f32,
+    /// Emitted radiance, at least 0.
+    pub ke: [f32; 3],
+    /// Index of refraction inside, above 0.
+    pub ni: f32,
+    /// Tint of transmitted light, at least 0.
+    pub tf: [f32; 3],
+    /// One more than the place of the image that replaces `kd` in the texture buffer; 0 for none.
+    pub map_kd: u32,
+}
+
+/// Emitting triangle, a cell of the alias table over area. 16 bytes, 1 texel.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Light {
+    /// Place of the triangle in leaf order.
+    pub triangle: u32,
+    /// Probability that the cell stands for itself, [0, 1].
+    pub threshold: f32,
+    /// The light that it stands for otherwise.
+    pub alias: u32,
+    /// Not used.
+    pub unused: u32,
+}
+
+/// Shading normals of a triangle, in the scene's order. 16 bytes, 1 texel.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Normals {
+    /// Octahedral unit vectors, two 16-bit signed fractions each.
+    pub corners: [u32; 3],
+    /// 1 where the triangle has shading normals, 0 where it is flat.
+    pub present: u32,
+}
+
+/// Texel of the lat-long environment. 16 bytes, 1 texel.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct EnvironmentTexel {
+    /// Radiance at the texel's centre.
+    pub radiance: [f32; 3],
+    /// Probability that light sampling picks the texel.
+    pub probability: f32,
+}
+
+/// Cell of an alias table. 8 bytes, 1 texel.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct AliasCell {
+    /// Probability that the cell stands for itself, [0, 1].
+    pub threshold: f32,
+    /// The cell that it stands for otherwise.
+    pub alias: u32,
+}
+
+/// Counts and arguments that stay on the device between kernels. 64 bytes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Control {
+    /// Rays that extend and shade read.
+    pub current_rays: u32,
+    /// Rays that generate and shade appended.
+    pub next_rays: u32,
+    /// Shadow rays that connect reads.
+    pub current_shadow_rays: u32,
+    /// Shadow rays that shade appended.
+    pub next_shadow_rays: u32,
+    /// Indirect arguments of extend and shade.
+    pub ray_groups: [u32; 3],
+    /// `STATUS_*` bits; 0 is well.
+    pub status: u32,
+    /// Indirect arguments of connect.
+    pub shadow_groups: [u32; 3],
+    /// Samples that were NaN or infinite, and were left out of the film.
+    pub nonfinite_samples: u32,
+    /// Rays after the first bounce, traced so far: low and high half.
+    pub bounce_rays: [u32; 2],
+    /// Shadow rays traced so far: low and high half.
+    pub shadow_rays: [u32; 2],
+}
+
+impl Control {
+    /// Rays after the first bounce, traced so far.
+    pub fn bounce_ray_count(&self) -> u64 {
+        wide(self.bounce_rays)
+    }
+
+    /// Shadow rays traced so far.
+    pub fn shadow_ray_count(&self) -> u64 {
+        wide(self.shadow_rays)
+    }
+}
+
+fn wide([low, high]: [u32; 2]) -> u64 {
+    u64::from(high) << 32 | u64::from(low)
+}
+
+/// Sums over the samples of a pixel; each is value + compensation. 64 bytes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct FilmPixel {
+    /// Sum of radiance, RGB and an unused lane.
+    pub sum: [f32; 4],
+    /// What rounding took from `sum`.
+    pub sum_compensation: [f32; 4],
+    /// Sum of squared radiance.
+    pub squares: [f32; 4],
+    /// What rounding took from `squares`.
+    pub squares_compensation: [f32; 4],
+}
+
+/// Push constants: the samples in flight. Slots run over pixels first, then over samples.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct Batch {
+    /// First pixel, in rows from the top left.
+    pub first_pixel: u32,
+    /// Pixels in the batch.
+    pub pixel_count: u32,
+    /// Number of the first sample of each pixel.
+    pub first_sample: u32,
+    /// Samples of each pixel in the batch.
+    pub sample_count: u32,
+    /// Scattering events that the paths have had.
+    pub bounce: u32,
+}

@@ -1,0 +1,160 @@
+//! Sizes, capacities, workgroup counts and batches of a render: arithmetic without a device.
+
+use thiserror::Error;
+
+use super::Settings;
+use crate::layout;
+
+/// What a plan must know of a device.
+#[derive(Debug, Clone, Copy)]
+pub struct DeviceLimits {
+    /// Most invocations of a workgroup.
+    pub max_workgroup_size: u32,
+    /// Most workgroups of a dispatch.
+    pub max_workgroups: u32,
+    /// Most bytes of a storage buffer.
+    pub max_storage_buffer_bytes: u64,
+    /// Whether it is software: few threads, small caches.
+    pub software: bool,
+}
+
+/// A plan that cannot be made.
+#[derive(Debug, Error, PartialEq)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum PlanError {
+    #[error("an image of {width}x{height} pixels needs a film of {needed} bytes and the device allows {allowed} in one buffer; use a smaller --width or --height")]
+    FilmTooLarge { width: u32, height: u32, needed: u64, allowed: u64 },
+}
+
+/// Sizes of a render.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Plan {
+    /// Pixels of the film.
+    pub pixels: u32,
+    /// Path slots: the most paths in flight.
+    pub path_capacity: u32,
+    /// Invocations of a workgroup.
+    pub workgroup_size: u32,
+}
+
+/// Pixels and samples of one batch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SampleRange {
+    /// First pixel, in rows from the top left.
+    pub first_pixel: u32,
+    /// Pixels, at least 1.
+    pub pixel_count: u32,
+    /// Number of the first sample.
+    pub first_sample: u32,
+    /// Samples of each pixel, at least 1.
+    pub sample_count: u32,
+}
+
+/// Bytes of the widest state record of a path: a queue entry in both halves is 8, state is 16.
+const STATE_BYTES: u64 = 16;
+
+impl Plan {
+    /// Paths in flight where the user does not say: enough to keep every core busy between two
+    /// dispatches, few enough for the caches of a software device.
+    const SOFTWARE_PATHS: u32 = 1 << 18;
+    const HARDWARE_PATHS: u32 = 1 << 21;
+
+    /// Computes the sizes.
+    ///
+    /// # Errors
+    /// When the film does not fit a buffer.
+    pub fn new(settings: &Settings, device: &DeviceLimits) -> Result<Self, PlanError> {
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        let needed = pixels * size_of::<layout::FilmPixel>() as u64;
+        if needed > device.max_storage_buffer_bytes || pixels > u64::from(u32::MAX) {
+            return Err(PlanError::FilmTooLarge {
+                width: settings.width,
+                height: settings.height,
+                needed,
+                allowed: device.max_storage_buffer_bytes,
+            });
+        }
+        let pixels = pixels as u32;
+        let workgroup_size = device.max_workgroup_size.min(256);
+        let wanted = settings.in_flight.unwrap_or(if device.software {
+            Self::SOFTWARE_PATHS
+        } else {
+            Self::HARDWARE_PATHS
+        });
+        let by_dispatch = u64::from(device.max_workgroups) * u64::from(workgroup_size);
+        let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES;
+        let useful = u64::from(pixels) * u64::from(settings.samples);
+        let path_capacity = u64::from(wanted.max(1)).min(by_dispatch).min(by_buffer).min(useful) as u32;
+        Ok(Self { pixels, path_capacity, workgroup_size })
+    }
+
+    /// Workgroups that cover `items` invocations.
+    pub fn groups(&self, items: u32) -> u32 {
+        items.div_ceil(self.workgroup_size)
+    }
+
+    /// The batches that take every pixel from `samples.start` to `samples.end`: whole samples of
+    /// the image where they fit the path slots, else a part of the pixels at a time.
+    pub fn batches(&self, samples: std::ops::Range<u32>) -> impl Iterator<Item = SampleRange> + use<> {
+        let Plan { pixels, path_capacity, .. } = *self;
+        let samples_at_once = (path_capacity / pixels).max(1);
+        let pixels_at_once = path_capacity.min(pixels);
+        let end = samples.end;
+        samples.step_by(samples_at_once as usize).flat_map(move |first_sample| {
+            (0..pixels).step_by(pixels_at_once as usize).map(move |first_pixel| SampleRange {
+                first_pixel,
+                pixel_count: pixels_at_once.min(pixels - first_pixel),
+                first_sample,
+                sample_count: samples_at_once.min(end - first_sample),
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Integrator;
+    use proptest::prelude::*;
+
+    const DEVICE: DeviceLimits =
+        DeviceLimits { max_workgroup_size: 1024, max_workgroups: 65_535, max_storage_buffer_bytes: 1 << 27, software: true };
+
+    fn settings(width: u32, height: u32, samples: u32, in_flight: Option<u32>) -> Settings {
+        let integrator = Integrator::Explicit;
+        Settings { width, height, samples, integrator, max_bounces: Some(4), roulette: 0.0, seed: 0, in_flight }
+    }
+
+    proptest! {
+        #[test]
+        fn batches_take_every_sample_once_and_in_order(
+            width in 1..40_u32, height in 1..40_u32, samples in 1..20_u32, in_flight in 1..3000_u32,
+        ) {
+            let plan = Plan::new(&settings(width, height, samples, Some(in_flight)), &DEVICE).unwrap();
+            let mut next = vec![0; plan.pixels as usize];
+            for batch in plan.batches(0..samples) {
+                prop_assert!(batch.pixel_count * batch.sample_count <= plan.path_capacity);
+                for pixel in batch.first_pixel..batch.first_pixel + batch.pixel_count {
+                    prop_assert_eq!(next[pixel as usize], batch.first_sample);
+                    next[pixel as usize] += batch.sample_count;
+                }
+            }
+            prop_assert!(next.iter().all(|&n| n == samples));
+        }
+    }
+
+    #[test]
+    fn capacity_respects_the_device() {
+        let plan = Plan::new(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), &DEVICE).unwrap();
+        assert_eq!(u64::from(plan.path_capacity), (1 << 27) / STATE_BYTES);
+        let narrow = DeviceLimits { max_workgroups: 100, ..DEVICE };
+        let plan = Plan::new(&settings(1024, 1024, 1, None), &narrow).unwrap();
+        assert_eq!(plan.path_capacity, 100 * 256);
+    }
+
+    #[test]
+    fn a_film_over_the_limit_is_refused() {
+        let error = Plan::new(&settings(16_384, 16_384, 1, None), &DEVICE).unwrap_err();
+        assert!(matches!(error, PlanError::FilmTooLarge { needed: 17_179_869_184, .. }));
+    }
+}

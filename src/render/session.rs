@@ -1,0 +1,298 @@
+//! A render on a device: uploads the scene, runs batch after batch, reads the film.
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use glam::DVec3;
+use thiserror::Error;
+
+use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
+use super::prepare::{PrepareError, PreparedScene};
+use super::settings::Settings;
+use super::wavefront;
+use crate::constants::STATUS_STACK_OVERFLOW;
+use crate::film::FilmMoments;
+use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDescription, GpuError, KernelTime};
+use crate::layout::{Control, FilmPixel, Frame};
+use crate::recording::Recording;
+use crate::scene::Scene;
+
+/// A render that failed.
+#[derive(Debug, Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum RenderError {
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    #[error(transparent)]
+    Prepare(#[from] PrepareError),
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error("the traversal ran out of stack (status {0}), so the image would be wrong; this is a defect of raywave")]
+    Overflow(u32),
+}
+
+/// How far a render is.
+#[derive(Debug, Clone, Copy)]
+pub struct Progress {
+    /// Samples done, over all pixels.
+    pub samples_done: u64,
+    /// Samples to do, over all pixels.
+    pub samples_total: u64,
+    /// Rays traced, of all classes, by the latest look at the device's counts.
+    pub rays: u64,
+    /// Since the first batch.
+    pub elapsed: Duration,
+}
+
+/// What a render leaves.
+#[derive(Debug)]
+pub struct Outcome {
+    /// Sums over the samples of each pixel.
+    pub film: FilmMoments,
+    /// What it cost.
+    pub statistics: Statistics,
+}
+
+/// What a render cost.
+#[derive(Debug, Clone)]
+pub struct Statistics {
+    /// Samples of each pixel that were taken.
+    pub samples: u32,
+    /// Samples over all pixels.
+    pub sample_count: u64,
+    /// Rays from the camera.
+    pub camera_rays: u64,
+    /// Rays from a scattering.
+    pub bounce_rays: u64,
+    /// Rays to a light.
+    pub shadow_rays: u64,
+    /// Samples that were NaN or infinite and were left out of the film.
+    pub nonfinite_samples: u32,
+    /// From the first batch to the last.
+    pub wall_time: Duration,
+    /// Time and launches by kernel.
+    pub kernels: BTreeMap<&'static str, KernelTime>,
+    /// Bytes of device memory.
+    pub memory_bytes: u64,
+    /// Path slots.
+    pub paths_in_flight: u32,
+    /// Invocations of a workgroup.
+    pub workgroup_size: u32,
+    /// Whether scene buffers were read by texels.
+    pub texel_fetch: bool,
+}
+
+impl Statistics {
+    /// Rays of all classes.
+    pub fn rays(&self) -> u64 {
+        self.camera_rays + self.bounce_rays + self.shadow_rays
+    }
+
+    /// Sum of the kernels' times.
+    pub fn gpu_seconds(&self) -> f64 {
+        self.kernels.values().map(|kernel| kernel.seconds).sum()
+    }
+}
+
+/// Bounces that go to the device before the host looks whether paths are left. Bounded paths of
+/// up to this length never make the host wait.
+const BOUNCES_AT_ONCE: u32 = 32;
+
+/// Time between two looks at the device's ray counts: each waits for the device.
+const COUNT_INTERVAL: Duration = Duration::from_millis(250);
+
+/// A scene on a device, ready to render.
+pub struct Session {
+    executor: Executor,
+    plan: Plan,
+    settings: Settings,
+}
+
+impl Session {
+    /// Plans the render, builds its kernels and uploads the scene.
+    ///
+    /// # Errors
+    /// When scene or film are over the device's limits, or the device fails.
+    pub fn new(device: &Device, scene: &PreparedScene, settings: &Settings) -> Result<Self, RenderError> {
+        let description = device.description();
+        let limits = DeviceLimits {
+            max_workgroup_size: description.max_workgroup_size,
+            max_workgroups: description.max_workgroups,
+            max_storage_buffer_bytes: description.max_storage_buffer_bytes,
+            software: description.kind == DeviceKind::Cpu,
+        };
+        let plan = Plan::new(settings, &limits)?;
+        let frame = scene.frame(settings, plan.path_capacity);
+        let executor = Executor::new(
+            device,
+            ExecutorDescription {
+                kernels: &wavefront::KERNELS,
+                specialization: &scene.specialization(settings, plan.workgroup_size),
+                buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan)).collect(),
+            },
+        )?;
+        Ok(Self { executor, plan, settings: *settings })
+    }
+
+    /// A session for a scene as it is read from its files.
+    ///
+    /// # Errors
+    /// As [`Session::new`], and when the scene is larger than an index can tell.
+    pub fn for_scene(device: &Device, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        Self::new(device, &PreparedScene::new(scene)?, settings)
+    }
+
+    /// Renders all samples. `progress` is called after each batch; when it breaks, the samples
+    /// that are begun are finished for every pixel and the render ends there.
+    ///
+    /// # Errors
+    /// When the device fails or a stack overflows.
+    pub fn render(&mut self, mut progress: impl FnMut(&Progress) -> ControlFlow<()>) -> Result<Outcome, RenderError> {
+        self.clear()?;
+        let start = Instant::now();
+        let pixels = u64::from(self.plan.pixels);
+        let samples_total = pixels * u64::from(self.settings.samples);
+        let mut samples_done = 0;
+        let mut samples = self.settings.samples;
+        let mut stopping = false;
+        let mut counted = start;
+        let mut rays_per_sample = 1.0;
+        for range in self.plan.batches(0..self.settings.samples) {
+            // An image of equal samples ends where a batch would begin the next ones.
+            if stopping && range.first_pixel == 0 {
+                samples = range.first_sample;
+                break;
+            }
+            self.render_batch(range)?;
+            samples_done += u64::from(range.pixel_count) * u64::from(range.sample_count);
+            if counted.elapsed() > COUNT_INTERVAL {
+                let control = self.control()?;
+                let scattered = control.bounce_ray_count() + control.shadow_ray_count();
+                rays_per_sample = 1.0 + scattered as f64 / samples_done as f64;
+                counted = Instant::now();
+            }
+            let rays = (samples_done as f64 * rays_per_sample) as u64;
+            let state = Progress { samples_done, samples_total, rays, elapsed: start.elapsed() };
+            stopping |= progress(&state).is_break();
+        }
+        self.executor.wait()?;
+        let wall_time = start.elapsed();
+        self.outcome(samples, samples_done, wall_time)
+    }
+
+    /// Starts the sums and counts anew.
+    fn clear(&mut self) -> Result<(), GpuError> {
+        let film = vec![0; self.plan.pixels as usize * size_of::<FilmPixel>()];
+        self.executor.write("film", &film)?;
+        let mut control: Control = bytemuck::Zeroable::zeroed();
+        (control.ray_groups, control.shadow_groups) = ([0, 1, 1], [0, 1, 1]);
+        self.executor.write("control", bytemuck::bytes_of(&control))
+    }
+
+    /// Takes a batch from the camera to the film.
+    fn render_batch(&mut self, range: SampleRange) -> Result<(), GpuError> {
+        let mut recording = Recording::default();
+        wavefront::begin(&mut recording, &self.plan, range);
+        // The vertex after the last bounce still finds emission.
+        let vertices = self.settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1));
+        let mut bounce = 0;
+        loop {
+            let end = vertices.min(bounce + BOUNCES_AT_ONCE);
+            wavefront::advance(&mut recording, range, bounce..end);
+            bounce = end;
+            if bounce == vertices {
+                break;
+            }
+            self.executor.submit(&std::mem::take(&mut recording))?;
+            if self.control()?.current_rays == 0 {
+                break;
+            }
+        }
+        wavefront::end(&mut recording, &self.plan, range);
+        self.executor.submit(&recording)
+    }
+
+    fn control(&mut self) -> Result<Control, GpuError> {
+        Ok(bytemuck::pod_read_unaligned(&self.executor.read("control")?))
+    }
+
+    fn outcome(&mut self, samples: u32, sample_count: u64, wall_time: Duration) -> Result<Outcome, RenderError> {
+        let control = self.control()?;
+        if control.status & STATUS_STACK_OVERFLOW != 0 {
+            return Err(RenderError::Overflow(control.status));
+        }
+        let statistics = Statistics {
+            samples,
+            sample_count,
+            camera_rays: sample_count,
+            bounce_rays: control.bounce_ray_count(),
+            shadow_rays: control.shadow_ray_count(),
+            nonfinite_samples: control.nonfinite_samples,
+            wall_time,
+            kernels: self.executor.kernel_times().clone(),
+            memory_bytes: self.executor.memory_bytes(),
+            paths_in_flight: self.plan.path_capacity,
+            workgroup_size: self.plan.workgroup_size,
+            texel_fetch: self.executor.texel_fetch(),
+        };
+        let pixels: Vec<FilmPixel> = bytemuck::pod_collect_to_vec(&self.executor.read("film")?);
+        let total = |value: [f32; 4], compensation: [f32; 4]| {
+            DVec3::from_array(std::array::from_fn(|i| f64::from(value[i]) + f64::from(compensation[i])))
+        };
+        let film = FilmMoments {
+            width: self.settings.width,
+            height: self.settings.height,
+            samples: u64::from(samples),
+            sum: pixels.iter().map(|p| total(p.sum, p.sum_compensation)).collect(),
+            sum_of_squares: pixels.iter().map(|p| total(p.squares, p.squares_compensation)).collect(),
+        };
+        Ok(Outcome { film, statistics })
+    }
+}
+
+/// Buffers that the scene fills. A buffer that the scene does not need is one zero record: the
+/// kernels that could read it leave that code out.
+fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterator<Item = BufferRole<'a>> {
+    let bytes = bytemuck::cast_slice::<Frame, u8>(std::slice::from_ref(frame));
+    let uniform = BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
+    let data = |name, texel_bytes, contents: &'a [u8]| BufferRole {
+        name,
+        usage: BufferUse::Scene { texel_bytes },
+        size: (contents.len() as u64).max(texel_bytes),
+        contents: (!contents.is_empty()).then_some(contents),
+    };
+    [
+        uniform,
+        data("nodes", 16, bytemuck::cast_slice(&scene.bvh.nodes)),
+        data("triangles", 16, bytemuck::cast_slice(&scene.triangles)),
+        data("materials", 16, bytemuck::cast_slice(&scene.materials)),
+        data("lights", 16, bytemuck::cast_slice(&scene.lights)),
+        data("normals", 16, bytemuck::cast_slice(&scene.normals)),
+        data("texture_coordinates", 8, bytemuck::cast_slice(&scene.texture_coordinates)),
+        data("textures", 8, bytemuck::cast_slice(&scene.textures)),
+        data("environment", 16, bytemuck::cast_slice(&scene.environment)),
+        data("environment_aliases", 8, bytemuck::cast_slice(&scene.environment_aliases)),
+    ]
+    .into_iter()
+}
+
+/// Buffers of the paths in flight and of the film.
+fn path_buffers<'a>(plan: &Plan) -> impl Iterator<Item = BufferRole<'a>> {
+    let slots = u64::from(plan.path_capacity);
+    let state = |name, size| BufferRole { name, usage: BufferUse::State, size, contents: None };
+    [
+        state("control", size_of::<Control>() as u64),
+        state("ray_queue", 2 * 4 * slots),
+        state("ray_origins", 16 * slots),
+        state("ray_directions", 16 * slots),
+        state("throughputs", 16 * slots),
+        state("radiances", 16 * slots),
+        state("hits", 16 * slots),
+        state("shadow_origins", 16 * slots),
+        state("shadow_directions", 16 * slots),
+        state("shadow_radiances", 16 * slots),
+        state("film", u64::from(plan.pixels) * size_of::<FilmPixel>() as u64),
+    ]
+    .into_iter()
+}

@@ -1,0 +1,492 @@
+//! The scene file: TOML to checked settings, file names and overrides. Reads no other file.
+
+use std::{
+    collections::BTreeMap,
+    ops::Range,
+    path::{Path, PathBuf},
+};
+
+use glam::{DMat3, DVec3, Vec3};
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::{
+    Camera, Integrator, RenderDefaults,
+    error::{Place, SceneError},
+    material::{ImageName, MaterialKeys, NUMERIC_KEYS, portable},
+    text::{name, one_line},
+};
+
+/// Coordinates beyond this, world units, are refused, so that no area or distance overflows.
+pub(super) const FARTHEST: f64 = 1e30;
+
+/// A checked scene file.
+#[derive(Debug)]
+pub(super) struct Document {
+    pub camera: Camera,
+    pub width: u32,
+    pub height: u32,
+    pub defaults: RenderDefaults,
+    pub meshes: Vec<MeshEntry>,
+    pub overrides: Vec<Override>,
+    pub light: Light,
+}
+
+/// One `[[mesh]]`.
+#[derive(Debug)]
+pub(super) struct MeshEntry {
+    pub path: PathBuf,
+    /// The line that names the file.
+    pub place: Place,
+    pub transform: Transform,
+}
+
+/// One `[material.NAME]`.
+#[derive(Debug)]
+pub(super) struct Override {
+    pub name: String,
+    pub place: Place,
+    pub keys: MaterialKeys,
+}
+
+/// `[environment]`.
+#[derive(Debug)]
+pub(super) enum Light {
+    None,
+    Constant(Vec3),
+    Image { image: ImageName, scale: f32 },
+}
+
+/// Scale, then rotation about x, y and z, then translation.
+///
+/// Corners keep their order, so a scale with a negative product turns a mesh inside out: its
+/// front, the side that emits and that refraction takes for the outside, faces the other way.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Transform {
+    /// No component is zero.
+    pub scale: DVec3,
+    pub rotation: DMat3,
+    pub translation: DVec3,
+}
+
+impl Transform {
+    pub const IDENTITY: Self = Self {
+        scale: DVec3::ONE,
+        rotation: DMat3::IDENTITY,
+        translation: DVec3::ZERO,
+    };
+
+    fn new(scale: DVec3, degrees: DVec3, translation: DVec3) -> Self {
+        let [x, y, z] = degrees.to_array().map(f64::to_radians);
+        Self {
+            scale,
+            rotation: DMat3::from_rotation_z(z)
+                * DMat3::from_rotation_y(y)
+                * DMat3::from_rotation_x(x),
+            translation,
+        }
+    }
+
+    pub fn point(&self, point: DVec3) -> DVec3 {
+        self.rotation * (point * self.scale) + self.translation
+    }
+
+    /// A unit normal, or `None` where the given one is zero or not finite.
+    pub fn normal(&self, normal: DVec3) -> Option<Vec3> {
+        let normal = self.rotation * (normal / self.scale);
+        // Normalising twice keeps tiny and huge normals, whose squared length leaves the range.
+        let normal = (normal / normal.abs().max_element()).normalize();
+        normal.is_finite().then(|| normal.as_vec3())
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawScene {
+    camera: Option<RawCamera>,
+    #[serde(default)]
+    film: RawFilm,
+    #[serde(default)]
+    render: RawRender,
+    #[serde(default)]
+    mesh: Vec<RawMesh>,
+    #[serde(default)]
+    material: BTreeMap<Spanned<String>, RawMaterial>,
+    environment: Option<Spanned<RawEnvironment>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawCamera {
+    eye: Spanned<[f64; 3]>,
+    target: Spanned<[f64; 3]>,
+    up: Option<Spanned<[f64; 3]>>,
+    vfov: Spanned<f64>,
+    aperture: Option<Spanned<f64>>,
+    focus: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct RawFilm {
+    width: Option<Spanned<i64>>,
+    height: Option<Spanned<i64>>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct RawRender {
+    integrator: Option<Spanned<String>>,
+    samples: Option<Spanned<i64>>,
+    max_bounces: Option<Spanned<i64>>,
+    roulette: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawMesh {
+    file: Spanned<String>,
+    scale: Option<Spanned<Numbers>>,
+    rotate: Option<Spanned<[f64; 3]>>,
+    translate: Option<Spanned<[f64; 3]>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(non_snake_case, reason = "keys are spelled as in MTL")]
+struct RawMaterial {
+    Kd: Option<Spanned<Numbers>>,
+    Ks: Option<Spanned<Numbers>>,
+    Ke: Option<Spanned<Numbers>>,
+    Tf: Option<Spanned<Numbers>>,
+    Ns: Option<Spanned<Numbers>>,
+    Ni: Option<Spanned<Numbers>>,
+    illum: Option<Spanned<Numbers>>,
+    map_Kd: Option<Spanned<String>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawEnvironment {
+    radiance: Option<Spanned<[f64; 3]>>,
+    file: Option<Spanned<String>>,
+    scale: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "expected a number or an array of numbers")]
+enum Numbers {
+    One(f64),
+    Many(Vec<f64>),
+}
+
+impl Numbers {
+    fn as_slice(&self) -> &[f64] {
+        match self {
+            Self::One(value) => std::slice::from_ref(value),
+            Self::Many(values) => values,
+        }
+    }
+}
+
+/// Reads a scene file's text. Errors name the offending line.
+pub(super) fn read(path: &Path, text: &str) -> Result<Document, SceneError> {
+    let reader = Reader { path, text };
+    let raw: RawScene = toml::from_str(text).map_err(|error| {
+        let problem = format!("{}; see the scene format", one_line(error.message()));
+        match error.span() {
+            Some(span) => reader.refuse(&span, problem),
+            None => reader.refuse_file(problem),
+        }
+    })?;
+
+    let camera = match &raw.camera {
+        Some(camera) => reader.camera(camera)?,
+        None => {
+            let problem = "no [camera]; add one with eye, target and vfov";
+            return Err(reader.refuse_file(problem.into()));
+        }
+    };
+    if raw.mesh.is_empty() {
+        let problem = "no [[mesh]]; add one that names an OBJ file";
+        return Err(reader.refuse_file(problem.into()));
+    }
+    Ok(Document {
+        camera,
+        width: reader.pixels("width", &raw.film.width)?,
+        height: reader.pixels("height", &raw.film.height)?,
+        defaults: reader.defaults(&raw.render)?,
+        meshes: raw
+            .mesh
+            .iter()
+            .map(|mesh| reader.mesh(mesh))
+            .collect::<Result<_, _>>()?,
+        overrides: raw
+            .material
+            .iter()
+            .map(|(name, keys)| reader.material(name, keys))
+            .collect::<Result<_, _>>()?,
+        light: match &raw.environment {
+            Some(environment) => reader.light(environment)?,
+            None => Light::None,
+        },
+    })
+}
+
+/// Checks values and knows which line they stand on.
+struct Reader<'a> {
+    path: &'a Path,
+    text: &'a str,
+}
+
+impl Reader<'_> {
+    fn place(&self, span: &Range<usize>) -> Place {
+        let before = &self.text.as_bytes()[..span.start.min(self.text.len())];
+        let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
+        Place::line(self.path, line)
+    }
+
+    fn refuse(&self, span: &Range<usize>, problem: String) -> SceneError {
+        SceneError::Toml {
+            place: self.place(span),
+            problem,
+        }
+    }
+
+    fn refuse_file(&self, problem: String) -> SceneError {
+        SceneError::Toml {
+            place: Place::file(self.path),
+            problem,
+        }
+    }
+
+    /// A path beside the scene file.
+    fn beside(&self, file: &str) -> PathBuf {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        folder.join(portable(file))
+    }
+
+    fn require(&self, holds: bool, span: Range<usize>, problem: &str) -> Result<(), SceneError> {
+        match holds {
+            true => Ok(()),
+            false => Err(self.refuse(&span, problem.to_owned())),
+        }
+    }
+
+    /// Three coordinates in range.
+    fn vector(&self, key: &str, value: &Spanned<[f64; 3]>) -> Result<DVec3, SceneError> {
+        let vector = DVec3::from(*value.get_ref());
+        let in_range = vector.abs().max_element() <= FARTHEST && vector.is_finite();
+        let problem = format!("{key} is not finite, or beyond {FARTHEST:e}; give plain numbers");
+        self.require(in_range, value.span(), &problem)?;
+        Ok(vector)
+    }
+
+    fn camera(&self, raw: &RawCamera) -> Result<Camera, SceneError> {
+        let eye = self.vector("eye", &raw.eye)?;
+        let target = self.vector("target", &raw.target)?;
+        let up = match &raw.up {
+            Some(up) => self.vector("up", up)?,
+            None => DVec3::Y,
+        };
+        let up_span = raw.up.as_ref().map_or(0..0, Spanned::span);
+        let problem = "target equals eye; move one of them";
+        self.require(target != eye, raw.target.span(), problem)?;
+        self.require(
+            up != DVec3::ZERO,
+            up_span,
+            "up is zero; give it a direction",
+        )?;
+
+        let vfov = *raw.vfov.get_ref();
+        let problem = "vfov is outside (0, 180); give degrees between them";
+        self.require(vfov > 0.0 && vfov < 180.0, raw.vfov.span(), problem)?;
+
+        let aperture = raw.aperture.as_ref().map_or(0.0, |value| *value.get_ref());
+        let aperture_span = raw.aperture.as_ref().map_or(0..0, Spanned::span);
+        let problem = "aperture is not a lens radius; give 0 for a pinhole, or more";
+        let in_range = (0.0..=FARTHEST).contains(&aperture);
+        self.require(in_range, aperture_span.clone(), problem)?;
+
+        let focus = match &raw.focus {
+            Some(focus) => {
+                let problem = "focus is not a distance; give a number above 0";
+                let in_range = *focus.get_ref() > 0.0 && *focus.get_ref() <= FARTHEST;
+                self.require(in_range, focus.span(), problem)?;
+                *focus.get_ref()
+            }
+            None => {
+                let problem = "an aperture needs focus; give the distance to the plane in focus";
+                self.require(aperture == 0.0, aperture_span, problem)?;
+                eye.distance(target)
+            }
+        };
+        Ok(Camera {
+            eye,
+            target,
+            up,
+            vfov,
+            aperture,
+            focus,
+        })
+    }
+
+    fn pixels(&self, key: &str, value: &Option<Spanned<i64>>) -> Result<u32, SceneError> {
+        const DEFAULT: u32 = 512;
+        const LARGEST: i64 = 65536;
+        let Some(value) = value else {
+            return Ok(DEFAULT);
+        };
+        let problem = format!("{key} is outside 1 to {LARGEST}; give pixels between them");
+        let in_range = (1..=LARGEST).contains(value.get_ref());
+        self.require(in_range, value.span(), &problem)?;
+        Ok(*value.get_ref() as u32)
+    }
+
+    fn defaults(&self, raw: &RawRender) -> Result<RenderDefaults, SceneError> {
+        let mut defaults = RenderDefaults::default();
+        if let Some(integrator) = &raw.integrator {
+            defaults.integrator = match integrator.get_ref().as_str() {
+                "implicit" => Integrator::Implicit,
+                "explicit" => Integrator::Explicit,
+                other => {
+                    let other = one_line(other);
+                    let problem = format!("no integrator `{other}`; take `implicit` or `explicit`");
+                    return Err(self.refuse(&integrator.span(), problem));
+                }
+            };
+        }
+        if let Some(samples) = &raw.samples {
+            let count = u32::try_from(*samples.get_ref()).ok().filter(|&n| n > 0);
+            let problem = "samples is out of range; give 1 or more";
+            self.require(count.is_some(), samples.span(), problem)?;
+            defaults.samples = count.unwrap_or(defaults.samples);
+        }
+        if let Some(roulette) = &raw.roulette {
+            defaults.roulette = *roulette.get_ref();
+            let problem = "roulette is outside [0, 1); give the probability of stopping";
+            self.require(
+                (0.0..1.0).contains(&defaults.roulette),
+                roulette.span(),
+                problem,
+            )?;
+        }
+        if let Some(bounces) = &raw.max_bounces {
+            defaults.max_bounces = u32::try_from(*bounces.get_ref()).ok();
+            let problem = "max_bounces is out of range; give 0 or more, or -1 for unbounded";
+            let in_range = *bounces.get_ref() == -1 || defaults.max_bounces.is_some();
+            self.require(in_range, bounces.span(), problem)?;
+            let problem = "unbounded paths need roulette above 0; set it, or a bound";
+            let ends = defaults.max_bounces.is_some() || defaults.roulette > 0.0;
+            self.require(ends, bounces.span(), problem)?;
+        }
+        Ok(defaults)
+    }
+
+    fn mesh(&self, raw: &RawMesh) -> Result<MeshEntry, SceneError> {
+        let scale = match &raw.scale {
+            None => DVec3::ONE,
+            Some(scale) => {
+                let values = match *scale.get_ref().as_slice() {
+                    [one] => [one; 3],
+                    [x, y, z] => [x, y, z],
+                    _ => {
+                        let problem = "scale needs one number, or three; correct it";
+                        return Err(self.refuse(&scale.span(), problem.into()));
+                    }
+                };
+                let values = self.vector("scale", &Spanned::new(scale.span(), values))?;
+                let problem = "scale flattens the mesh; give numbers other than 0";
+                self.require(values.cmpne(DVec3::ZERO).all(), scale.span(), problem)?;
+                values
+            }
+        };
+        let vector = |key, value: &Option<Spanned<[f64; 3]>>| match value {
+            Some(value) => self.vector(key, value),
+            None => Ok(DVec3::ZERO),
+        };
+        Ok(MeshEntry {
+            path: self.beside(raw.file.get_ref()),
+            place: self.place(&raw.file.span()),
+            transform: Transform::new(
+                scale,
+                vector("rotate", &raw.rotate)?,
+                vector("translate", &raw.translate)?,
+            ),
+        })
+    }
+
+    fn material(
+        &self,
+        material: &Spanned<String>,
+        raw: &RawMaterial,
+    ) -> Result<Override, SceneError> {
+        let mut keys = MaterialKeys::at(self.place(&material.span()));
+        let numbers = [
+            &raw.Kd, &raw.Ks, &raw.Ke, &raw.Tf, &raw.Ns, &raw.Ni, &raw.illum,
+        ];
+        for (key, value) in NUMERIC_KEYS.into_iter().zip(numbers) {
+            let Some(value) = value else { continue };
+            let warning = keys
+                .set(key, value.get_ref().as_slice())
+                .map_err(|problem| self.refuse(&value.span(), problem))?;
+            if let Some(warning) = warning {
+                let place = self.place(&value.span());
+                keys.warnings.push(format!("{place}: {warning}"));
+            }
+        }
+        // An empty name takes the image of the MTL file away.
+        keys.map_kd = raw.map_Kd.as_ref().map(|file| {
+            (!file.get_ref().is_empty()).then(|| ImageName {
+                path: self.beside(file.get_ref()),
+                place: self.place(&file.span()),
+            })
+        });
+        Ok(Override {
+            name: name(material.get_ref()),
+            place: self.place(&material.span()),
+            keys,
+        })
+    }
+
+    fn light(&self, table: &Spanned<RawEnvironment>) -> Result<Light, SceneError> {
+        let raw = table.get_ref();
+        match (&raw.radiance, &raw.file) {
+            (Some(radiance), None) => {
+                if let Some(scale) = &raw.scale {
+                    let problem = "scale goes with file alone; multiply radiance instead";
+                    return Err(self.refuse(&scale.span(), problem.into()));
+                }
+                let value = Vec3::from(radiance.get_ref().map(|x| x as f32));
+                let problem = "radiance is negative or not finite; give numbers of 0 or more";
+                let in_range = value.is_finite() && value.min_element() >= 0.0;
+                self.require(in_range, radiance.span(), problem)?;
+                Ok(Light::Constant(value))
+            }
+            (None, Some(file)) => {
+                let scale = raw
+                    .scale
+                    .as_ref()
+                    .map_or(1.0, |scale| *scale.get_ref() as f32);
+                let span = raw.scale.as_ref().map_or(0..0, Spanned::span);
+                let problem = "scale is negative or not finite; give a number of 0 or more";
+                self.require(scale.is_finite() && scale >= 0.0, span, problem)?;
+                Ok(Light::Image {
+                    image: ImageName {
+                        path: self.beside(file.get_ref()),
+                        place: self.place(&file.span()),
+                    },
+                    scale,
+                })
+            }
+            (Some(_), Some(file)) => {
+                let problem = "file and radiance exclude each other; remove one";
+                Err(self.refuse(&file.span(), problem.into()))
+            }
+            (None, None) => {
+                let problem = "an [environment] needs radiance or file; add one of them";
+                Err(self.refuse(&table.span(), problem.into()))
+            }
+        }
+    }
+}

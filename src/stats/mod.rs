@@ -1,0 +1,18 @@
+//! Statistics: summaries, tests of hypotheses, intervals, and the comparison of two images.
+//!
+//! Pure functions of numbers. They draw no random numbers but from their own seeded generator, so
+//! every result can be repeated to the last bit.
+
+mod bootstrap;
+mod hypothesis;
+mod images;
+mod summary;
+
+pub use bootstrap::{Bootstrap, Estimate, SplitMix64};
+pub use hypothesis::{
+    ChiSquare, ZTest, chi_square, normal_cdf, normal_quantile, sidak_adjusted, sidak_level, z_test,
+};
+pub use images::{
+    Differences, ImageComparison, NonFinite, SizesDiffer, compare_images, relative_squared_error,
+};
+pub use summary::{Moments, mean, median, quantile, standard_error, variance};

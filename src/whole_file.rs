@@ -1,0 +1,42 @@
+//! Files that appear whole or not at all.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::Path;
+
+use tempfile::{Builder, NamedTempFile};
+
+/// Whether a file could be written at `path`. Leaves no trace.
+///
+/// # Errors
+/// A path that is a folder, a folder that is missing or takes no new file.
+pub fn check(path: &Path) -> io::Result<()> {
+    // Permission bits do not tell (superuser, read-only file systems), so a file is made.
+    beside(path).map(drop)
+}
+
+/// Writes a file under a temporary name, then renames it, replacing what stood there. It gets the
+/// permissions of any new file.
+///
+/// # Errors
+/// What [`check`] finds, and a full disk.
+pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    let mut file = io::BufWriter::new(beside(path)?);
+    fill(&mut file)?;
+    file.into_inner().map_err(io::IntoInnerError::into_error)?.persist(path)?;
+    Ok(())
+}
+
+fn beside(path: &Path) -> io::Result<NamedTempFile> {
+    if path.is_dir() {
+        return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder; name a file"));
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut builder = Builder::new();
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.prefix(".raywave-").tempfile_in(folder).map_err(|error| match fs::metadata(folder) {
+        Err(_) => io::Error::new(error.kind(), format!("the folder {} is missing; create it", folder.display())),
+        Ok(_) => error,
+    })
+}

@@ -1,0 +1,60 @@
+//! What GPU tests share: a device under validation, scenes from text, renders.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use raywave::gpu::{Device, Instance};
+use raywave::render::{Outcome, PreparedScene, Session, Settings};
+use raywave::scene::Scene;
+
+/// The device of `RAYWAVE_DEVICE`, or the best one, with validation on.
+pub fn device() -> Device {
+    let instance = Arc::new(Instance::new(true).expect("GPU tests need Vulkan and its validation layer"));
+    let wanted = std::env::var("RAYWAVE_DEVICE").ok();
+    let description = instance.choose(wanted.as_deref()).expect("GPU tests need a Vulkan device");
+    Device::open(&instance, description).expect("the device opens")
+}
+
+/// Fails with everything that the validation layer said.
+pub fn assert_silent(device: &Device) {
+    let messages = device.validation_messages();
+    assert!(messages.is_empty(), "the validation layer says:\n{}", messages.join("\n"));
+}
+
+/// Renders and checks that validation is silent and no sample was lost.
+pub fn render_on(device: &Device, scene: &Scene, settings: &Settings) -> Outcome {
+    settings.validate().expect("the settings make sense");
+    let prepared = PreparedScene::new(scene).expect("the scene fits");
+    let mut session = Session::new(device, &prepared, settings).expect("the session starts");
+    let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
+    drop(session);
+    assert_silent(device);
+    assert_eq!(outcome.statistics.nonfinite_samples, 0, "NaN or infinite samples");
+    outcome
+}
+
+/// As [`render_on`], on a device of its own.
+pub fn render(scene: &Scene, settings: &Settings) -> Outcome {
+    render_on(&device(), scene, settings)
+}
+
+/// A file of the project.
+pub fn project_file(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+/// A scene of `scenes/`.
+pub fn own_scene(name: &str) -> Scene {
+    Scene::load(&project_file(&format!("scenes/{name}.toml"))).expect("own scenes load")
+}
+
+/// A scene from texts: `scene.toml`, `scene.obj`, `scene.mtl`.
+pub fn scene_from(toml: &str, obj: &str, mtl: &str) -> Scene {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for (name, text) in [("scene.toml", toml), ("scene.obj", obj), ("scene.mtl", mtl)] {
+        std::fs::write(folder.path().join(name), text).expect("a temporary file");
+    }
+    Scene::load(&folder.path().join("scene.toml")).expect("the test's scene loads")
+}
