@@ -18,8 +18,8 @@ use super::{Place, SceneError};
 const SCENE: &str = "\
 # The gallery: a hall of statues and lamps, open to an evening sky on its left.
 [camera]
-eye = [1.5, 2.15, 4.3]
-target = [-0.3, 1.15, -3.6]
+eye = [1.2, 2.35, 4.6]
+target = [-0.15, 1.05, -3.6]
 vfov = 46.0
 
 [film]
@@ -55,6 +55,8 @@ newmtl marble
   Kd 0.64 0.60 0.54
   Ks 0.18 0.18 0.18
   Ns 180
+newmtl sandstone
+  Kd 0.56 0.44 0.32
 newmtl travertine
   Kd 0.55 0.45 0.33
 newmtl basalt
@@ -419,10 +421,10 @@ fn boxes() -> Vec<(&'static str, DVec3, DVec3)> {
 
 /// Centre (x, z), half width and height of each plinth.
 const PLINTHS: [(DVec2, f64, f64); 10] = [
-    (dvec2(0.95, 0.3), 0.34, 0.85),
+    (dvec2(1.45, -0.2), 0.34, 0.80),
     (dvec2(-1.35, 0.0), 0.36, 0.80),
-    (dvec2(-0.45, -1.9), 0.32, 0.62),
-    (dvec2(1.75, -2.1), 0.36, 0.95),
+    (dvec2(-0.95, -2.4), 0.32, 0.55),
+    (dvec2(2.05, -3.0), 0.34, 0.90),
     (dvec2(-2.05, -3.0), 0.32, 1.05),
     (dvec2(2.25, -5.0), 0.30, 0.90),
     (dvec2(-2.35, -6.4), 0.34, 0.90),
@@ -533,16 +535,16 @@ fn shapes() -> Vec<Shape> {
         }),
         Shape::new("porcelain", Tube, 5.0, 1.2, vase_on(4, 0.95)),
         ball("crystal", 3.0, above(5, 0.30), 0.30),
-        blob("copper", 6.0, (above(6, 0.38), 0.38), (0.6, 2.2)),
+        blob("copper", 6.0, (above(6, 0.38), 0.38), (0.4, 1.5)),
         Shape::new("cobalt", Tube, 4.0, 1.2, vase_on(7, 1.15)),
         Shape::new("brass", Torus, 5.0, 0.15, |u, v| hoop(above(8, 0.52), v, u)),
         ball("amber", 2.0, above(8, 0.52), 0.24),
         ball("silver", 4.0, above(9, 0.85), 0.85),
-        ball("pearl", 2.0, dvec3(0.30, 0.26, 0.75), 0.26),
-        ball("bottle_glass", 2.0, dvec3(-0.35, 0.19, 0.55), 0.19),
+        ball("pearl", 2.0, dvec3(0.45, 0.26, 0.35), 0.26),
+        ball("bottle_glass", 2.0, dvec3(-0.15, 0.19, 0.75), 0.19),
         ball("silver", 1.5, dvec3(0.55, 0.58, -5.5), 0.34),
         Shape::new("sand", Open, 22.0, 1.0, sand),
-        Shape::new("velvet", Open, 5.0, 0.8, curtain),
+        Shape::new("velvet", Open, 5.0, 4.0, curtain),
     ];
     for (centre, radius) in ROCKS {
         let point = move |u, v| rock(centre, radius, u, v);
@@ -551,7 +553,7 @@ fn shapes() -> Vec<Shape> {
     for (index, z) in COLUMNS_Z.into_iter().enumerate() {
         // Columns far from the camera take fewer triangles.
         let weight = 5.0 / (1.0 + 0.4 * index as f64);
-        for (x, material) in [(LEFT_COLUMNS_X, "marble"), (RIGHT_COLUMNS_X, "travertine")] {
+        for (x, material) in [(LEFT_COLUMNS_X, "marble"), (RIGHT_COLUMNS_X, "sandstone")] {
             let point = move |u, v| column(dvec3(x, 0.16, z), u, v);
             shapes.push(Shape::new(material, Tube, weight, 2.0, point));
         }
@@ -595,7 +597,7 @@ fn rock(centre: DVec2, radius: f64, u: f64, v: f64) -> DVec3 {
 
 /// A curtain before the back wall, in folds that deepen towards the floor.
 fn curtain(u: f64, v: f64) -> DVec3 {
-    let fold = 0.16 * (TAU * 9.0 * u + 1.5 * (5.0 * u).sin()).sin() * (1.0 - 0.55 * v);
+    let fold = 0.15 * (TAU * 7.0 * u + 1.5 * (5.0 * u).sin()).sin() * (1.0 - 0.55 * v);
     let sway = 0.08 * fractal_noise(dvec3(6.0 * u, 2.0 * v, 0.5));
     dvec3(1.75 + 2.6 * u, 0.02 + 4.18 * v, -12.55 + fold + sway)
 }
@@ -609,20 +611,22 @@ const ROCKS: [(DVec2, f64); 5] = [
     (dvec2(1.25, -6.55), 0.22),
 ];
 
-/// Raked sand: waves that run along the basin and, near a rock, around it.
+/// Raked sand: straight waves along the basin that give way to rings around each rock.
 fn sand_height(at: DVec2) -> f64 {
-    const WAVELENGTH: f64 = 0.11;
-    let mut phase = at.x;
-    let mut near = 0.0;
+    const WAVELENGTH: f64 = 0.2;
+    const REACH: f64 = 0.5;
+    let wave = |distance: f64| (TAU * distance / WAVELENGTH).sin();
+    let mut straight = 1.0;
+    let mut height = 0.0;
     for (centre, radius) in ROCKS {
         let distance = centre.distance(at) - radius;
-        let weight = (1.0 - (distance / 0.34).clamp(0.0, 1.0)).powi(2) * 3.0;
-        let weight = weight.min(1.0);
-        phase = phase * (1.0 - weight) + distance * weight;
-        near = f64::max(near, weight);
+        let near = 1.0 - (distance / REACH).clamp(0.0, 1.0);
+        let share = straight * near * near * (3.0 - 2.0 * near);
+        straight -= share;
+        height += share * wave(distance);
     }
-    let grain = 0.006 * fractal_noise(dvec3(9.0 * at.x, 0.0, 9.0 * at.y));
-    0.018 * (TAU * phase / WAVELENGTH).sin() + 0.03 * near + grain
+    let grain = fractal_noise(dvec3(5.0 * at.x, 0.0, 5.0 * at.y));
+    0.024 * (height + straight * wave(at.x)) + 0.005 * grain
 }
 
 /// The unit sphere, u about the y axis, v from the lower pole to the upper.
@@ -674,9 +678,9 @@ fn twist(foot: DVec3, u: f64, v: f64) -> DVec3 {
     foot + dvec3(section.x, 1.15 * v, section.y)
 }
 
-/// A torus about the y axis at the origin; `u` runs along it, `v` around its tube.
+/// A torus about the y axis at the origin; `u` runs along it, `v` around its tube, downwards first.
 fn ring(radius: f64, tube: f64, u: f64, v: f64) -> DVec3 {
-    let (sine, cosine) = (TAU * v).sin_cos();
+    let (sine, cosine) = (-TAU * v).sin_cos();
     revolved(DVec3::ZERO, radius + tube * cosine, tube * sine, u)
 }
 
@@ -900,5 +904,38 @@ impl<W: Write> ObjWriter<W> {
             }
         }
         self.out.write_all(b"\n")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shapes_face_outwards() {
+        const N: usize = 60;
+        for shape in shapes().iter().filter(|shape| shape.seam != Seam::Open) {
+            let point =
+                |i: usize, j: usize| (shape.point)(i as f64 / N as f64, j as f64 / N as f64);
+            let inside = (0..N).map(|j| point(0, j) + point(N / 2, j)).sum::<DVec3>() / 120.0;
+            let volume = |i: usize, j: usize| {
+                let [a, b, c, d] = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+                    .map(|(i, j)| point(i, j) - inside);
+                a.dot(b.cross(c)) + a.dot(c.cross(d))
+            };
+            let cells = (0..N).flat_map(|i| (0..N).map(move |j| (i, j)));
+            let volume: f64 = cells.map(|(i, j)| volume(i, j)).sum();
+            assert!(volume > 0.0, "{} is inside out", shape.material);
+        }
+    }
+
+    #[test]
+    fn sheets_face_the_hall() {
+        let normal = |point: fn(f64, f64) -> DVec3| {
+            let [du, dv] = [point(0.9, 0.1), point(0.1, 0.9)].map(|end| end - point(0.1, 0.1));
+            du.cross(dv)
+        };
+        assert!(normal(sand).y > 0.0);
+        assert!(normal(curtain).z > 0.0);
     }
 }
