@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -14,11 +14,9 @@ use super::{
     Camera, Integrator, RenderDefaults,
     error::{Place, SceneError},
     material::{ImageName, MaterialKeys, NUMERIC_KEYS, portable},
+    place::{FARTHEST, Transform},
     text::{name, one_line},
 };
-
-/// Coordinates beyond this, world units, are refused, so that no area or distance overflows.
-pub(super) const FARTHEST: f64 = 1e30;
 
 /// A checked scene file.
 #[derive(Debug)]
@@ -55,49 +53,6 @@ pub(super) enum Light {
     None,
     Constant(Vec3),
     Image { image: ImageName, scale: f32 },
-}
-
-/// Scale, then rotation about x, y and z, then translation.
-///
-/// Corners keep their order, so a scale with a negative product turns a mesh inside out: its
-/// front, the side that emits and that refraction takes for the outside, faces the other way.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Transform {
-    /// No component is zero.
-    pub scale: DVec3,
-    pub rotation: DMat3,
-    pub translation: DVec3,
-}
-
-impl Transform {
-    pub const IDENTITY: Self = Self {
-        scale: DVec3::ONE,
-        rotation: DMat3::IDENTITY,
-        translation: DVec3::ZERO,
-    };
-
-    fn new(scale: DVec3, degrees: DVec3, translation: DVec3) -> Self {
-        let [x, y, z] = degrees.to_array().map(f64::to_radians);
-        Self {
-            scale,
-            rotation: DMat3::from_rotation_z(z)
-                * DMat3::from_rotation_y(y)
-                * DMat3::from_rotation_x(x),
-            translation,
-        }
-    }
-
-    pub fn point(&self, point: DVec3) -> DVec3 {
-        self.rotation * (point * self.scale) + self.translation
-    }
-
-    /// A unit normal, or `None` where the given one is zero or not finite.
-    pub fn normal(&self, normal: DVec3) -> Option<Vec3> {
-        let normal = self.rotation * (normal / self.scale);
-        // Normalising twice keeps tiny and huge normals, whose squared length leaves the range.
-        let normal = (normal / normal.abs().max_element()).normalize();
-        normal.is_finite().then(|| normal.as_vec3())
-    }
 }
 
 #[derive(Deserialize)]

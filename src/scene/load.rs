@@ -6,17 +6,17 @@ use std::{
     rc::Rc,
 };
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 
 use super::{
-    Camera, Environment, EnvironmentMap, Material, Mesh, NONE, RenderDefaults, Scene, Texture,
-    Triangle,
-    document::{self, Document, FARTHEST, Light, MeshEntry, Override, Transform},
+    Camera, Environment, EnvironmentMap, Material, Mesh, RenderDefaults, Scene, Texture,
+    document::{self, Document, Light, MeshEntry, Override},
     error::{Place, SceneError},
     files::{Files, Fingerprint},
     material::{ImageName, MaterialKeys, portable, read_mtl},
     obj::{self, ObjFile, Run, UNNAMED},
     picture::Picture,
+    place::{FARTHEST, Misplaced, Transform},
     text::{excerpt, one_line},
 };
 
@@ -73,7 +73,7 @@ struct Loader<'a> {
     textures: Vec<(usize, f32)>,
     materials: Vec<Material>,
     mesh: Mesh,
-    flat_triangles: usize,
+    without_area: usize,
 }
 
 impl<'a> Loader<'a> {
@@ -90,7 +90,7 @@ impl<'a> Loader<'a> {
             textures: Vec::new(),
             materials: Vec::new(),
             mesh: Mesh::default(),
-            flat_triangles: 0,
+            without_area: 0,
         }
     }
 
@@ -218,14 +218,14 @@ impl<'a> Loader<'a> {
         }
 
         // Where an MTL file is missing, one warning is enough for all its materials.
-        let mut warns_of_unknown = !lacks_library;
+        let warns_of_unknown = !lacks_library;
         let mut known = HashMap::new();
         for run in file.runs {
             let key = (run.material.clone(), run.has_uvs);
             let material = match known.get(&key) {
                 Some(&material) => material,
                 None => {
-                    let keys = self.keys(path, &run, &library, &mut warns_of_unknown);
+                    let keys = self.keys(path, &run, &library, warns_of_unknown);
                     let has_image = keys.image().is_some();
                     let material = self.material(path, &run, keys)?;
                     if !has_image {
@@ -236,7 +236,7 @@ impl<'a> Loader<'a> {
                 }
             };
             for transform in transforms {
-                self.place_run(path, &run, transform, material)?;
+                self.place(path, &run, transform, material)?;
             }
         }
         Ok(())
@@ -281,7 +281,7 @@ impl<'a> Loader<'a> {
         path: &Path,
         run: &Run,
         library: &HashMap<String, MaterialKeys>,
-        warns_of_unknown: &mut bool,
+        warns_of_unknown: bool,
     ) -> MaterialKeys {
         let defined = library.get(&run.material).cloned();
         let by_name = |over: &Override| over.name == run.material;
@@ -291,7 +291,7 @@ impl<'a> Loader<'a> {
                 .unwrap_or_default()
                 .overridden_by(&self.overrides[index].keys);
         }
-        if defined.is_none() && *warns_of_unknown && run.material != UNNAMED {
+        if defined.is_none() && warns_of_unknown && run.material != UNNAMED {
             let place = Place {
                 path: path.to_path_buf(),
                 line: run.line,
@@ -326,7 +326,7 @@ impl<'a> Loader<'a> {
         let (mut material, scale) = keys.material(&run.material, brightest);
         if scale < 0.9999 {
             self.warnings.push(format!(
-                "{}: Kd + Ks of `{name}` reaches {:.3}; scaled to 1, as nothing reflects more",
+                "{}: Kd + Ks of `{name}` reaches {:.3} in a channel; both are scaled down to 1",
                 keys.place.as_ref().unwrap_or(&place),
                 1.0 / scale
             ));
@@ -410,93 +410,31 @@ impl<'a> Loader<'a> {
         }))
     }
 
-    /// Adds a run's triangles to the world.
-    fn place_run(
+    fn place(
         &mut self,
         path: &Path,
         run: &Run,
         transform: &Transform,
         material: u32,
     ) -> Result<(), SceneError> {
-        let has_uvs = self.materials[material as usize].map_kd.is_some();
-        let too_large = |what: &str| SceneError::TooLarge {
-            place: Place::file(path),
-            problem: format!("more {what} than 32-bit indices reach; use smaller meshes"),
-        };
-
-        let first_position = self.mesh.positions.len();
-        let (positions, _) = run.mesh.positions.as_chunks();
-        let positions = positions
-            .iter()
-            .map(|&point| transform.point(DVec3::from(point)));
-        self.mesh.positions.extend(positions);
-        let placed = &self.mesh.positions[first_position..];
-        let in_range = |point: &DVec3| point.is_finite() && point.abs().max_element() <= FARTHEST;
-        if !placed.iter().all(in_range) {
-            return Err(SceneError::Obj {
-                place: Place::file(path),
-                problem: format!("a vertex lands beyond {FARTHEST:e}; scale the mesh down"),
-            });
-        }
-
-        let first_uv = self.mesh.uvs.len();
-        if has_uvs {
-            let (uvs, _) = run.mesh.texcoords.as_chunks();
-            let uvs = uvs.iter().map(|&[u, v]| Vec2::new(u as f32, v as f32));
-            self.mesh.uvs.extend(uvs);
-        }
-
-        let mut normal_indices = Vec::new();
-        if run.has_normals {
-            let (normals, _) = run.mesh.normals.as_chunks();
-            for &normal in normals {
-                let normal = transform.normal(DVec3::from(normal));
-                normal_indices.push(normal.map(|_| self.mesh.normals.len() as u32));
-                self.mesh.normals.extend(normal);
+        let wants_uvs = self.materials[material as usize].map_kd.is_some();
+        let place = Place::file(path);
+        match self.mesh.place(run, transform, material, wants_uvs) {
+            Ok(without_area) => self.without_area += without_area,
+            Err(Misplaced::TooFar) => {
+                return Err(SceneError::Obj {
+                    place,
+                    problem: format!("a vertex lands beyond {FARTHEST:e}; scale the mesh down"),
+                });
+            }
+            Err(Misplaced::TooMany(what)) => {
+                return Err(SceneError::TooLarge {
+                    place,
+                    problem: format!("more {what} than 32-bit indices reach; use smaller meshes"),
+                });
             }
         }
-
-        let counts = [
-            self.mesh.positions.len(),
-            self.mesh.normals.len(),
-            self.mesh.uvs.len(),
-        ];
-        if counts.iter().any(|&count| count >= NONE as usize) {
-            return Err(too_large("vertices"));
-        }
-
-        let (corners, _) = run.mesh.indices.as_chunks();
-        for (at, &corner) in corners.iter().enumerate() {
-            let positions = corner.map(|index| first_position as u32 + index);
-            let [a, b, c] = positions.map(|index| self.mesh.positions[index as usize]);
-            if is_degenerate(a, b, c) {
-                self.flat_triangles += 1;
-                continue;
-            }
-            let corner_of = |indices: &[u32]| [0, 1, 2].map(|k| indices[3 * at + k]);
-            let mut normals = [NONE; 3];
-            if run.has_normals {
-                let given = corner_of(&run.mesh.normal_indices);
-                let given = given.map(|index| normal_indices[index as usize]);
-                if let [Some(a), Some(b), Some(c)] = given {
-                    normals = [a, b, c];
-                }
-            }
-            let mut uvs = [NONE; 3];
-            if has_uvs {
-                uvs = corner_of(&run.mesh.texcoord_indices).map(|index| first_uv as u32 + index);
-            }
-            self.mesh.triangles.push(Triangle {
-                positions,
-                normals,
-                uvs,
-                material,
-            });
-        }
-        match self.mesh.triangles.len() < NONE as usize {
-            true => Ok(()),
-            false => Err(too_large("triangles")),
-        }
+        Ok(())
     }
 
     fn warn_of_unused_overrides(&mut self) {
@@ -524,8 +462,8 @@ impl<'a> Loader<'a> {
                 problem: "no triangle has an area; check scale and the mesh".into(),
             });
         }
-        if self.flat_triangles > 0 {
-            let count = self.flat_triangles;
+        if self.without_area > 0 {
+            let count = self.without_area;
             self.warnings.push(format!(
                 "{place}: {count} triangles without area were dropped"
             ));
@@ -559,18 +497,6 @@ fn textures(pictures: &[(PathBuf, Picture)], wanted: &[(usize, f32)]) -> Vec<Tex
         picture.texture(path.clone(), scale)
     };
     wanted.iter().map(texture).collect()
-}
-
-/// Whether three points span no area that a ray could hit or a light could be sampled on. The
-/// threshold is what rounding leaves of the cross product of points on a line.
-fn is_degenerate(a: DVec3, b: DVec3, c: DVec3) -> bool {
-    const ROUNDING: f64 = 1e-14;
-    let [ab, ac, bc] = [b - a, c - a, c - b];
-    let longest = ab
-        .length_squared()
-        .max(ac.length_squared())
-        .max(bc.length_squared());
-    ab.cross(ac).length() <= ROUNDING * longest
 }
 
 impl Camera {

@@ -12,6 +12,7 @@ mod load;
 mod material;
 mod obj;
 mod picture;
+mod place;
 mod text;
 
 use std::path::PathBuf;
@@ -123,7 +124,7 @@ pub struct Mesh {
     pub positions: Vec<DVec3>,
     /// Unit shading normals; empty when no file has any.
     pub normals: Vec<Vec3>,
-    /// Texture coordinates; empty when no file has any.
+    /// Texture coordinates; empty when no material in use has an image.
     pub uvs: Vec<Vec2>,
     /// Triangles; counter-clockwise seen from their front.
     pub triangles: Vec<Triangle>,
@@ -165,9 +166,11 @@ pub struct Material {
     pub name: String,
     /// What light does at the surface.
     pub surface: Surface,
-    /// Diffuse reflectance, each channel in [0, 1].
+    /// Diffuse reflectance, each channel in [0, 1]; the largest that the image holds where there
+    /// is one. Zero where `surface` has no diffuse lobe, and for an emitter.
     pub kd: Vec3,
-    /// Phong lobe weight or mirror reflectance, each channel in [0, 1].
+    /// Phong lobe weight or mirror reflectance, each channel in [0, 1]. Zero where `surface` has
+    /// neither, and for an emitter.
     pub ks: Vec3,
     /// Phong exponent, at least 0.
     pub ns: f32,
@@ -178,7 +181,8 @@ pub struct Material {
     /// Emitted radiance from the front side, each channel at least 0. Any channel above 0 makes
     /// the material a pure emitter.
     pub ke: Vec3,
-    /// Index into `Scene::textures` of the image that replaces Kd.
+    /// Index into `Scene::textures` of the image that replaces Kd. Every triangle of such a
+    /// material has texture coordinates, and the material is [`Surface::Glossy`] and no emitter.
     pub map_kd: Option<u32>,
 }
 
@@ -211,7 +215,8 @@ pub struct Texture {
     pub width: u32,
     /// Height in texels, at least 1.
     pub height: u32,
-    /// Linear RGB plus one unused channel, row 0 at the top (v = 1), `width * height` entries.
+    /// Reflectance in [0, 1], the energy rule applied: linear RGB plus one unused channel, row 0 at
+    /// the top (v = 1), `width * height` entries.
     pub texels: Vec<[half::f16; 4]>,
 }
 

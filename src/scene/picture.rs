@@ -12,7 +12,7 @@ use image::{DynamicImage, ImageFormat, ImageReader};
 use super::Texture;
 
 /// Pixels that an image may have, so that a broken header cannot ask for all memory.
-const MOST_PIXELS: u64 = 1 << 28;
+const MOST_PIXELS: u64 = 1 << 27;
 
 const EXR_MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 
