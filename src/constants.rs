@@ -20,9 +20,13 @@ shared_constants! {
     LEAF_COUNT_SHIFT = 27;
     /// Most triangles a leaf can hold: the count has 4 bits, and 15 is kept for `TRAVERSAL_DONE`.
     LEAF_MAX_TRIANGLES = 8;
-    /// The reference at the bottom of the traversal stack: it looks like a leaf, so that it ends
-    /// the walk over inner nodes too.
+    /// What an empty traversal stack yields: it looks like a leaf, so that it ends the walk over
+    /// inner nodes too.
     TRAVERSAL_DONE = u32::MAX;
+    /// Entries of the traversal stack that are kept in registers.
+    STACK_REGISTERS = 8;
+    /// Entries of the traversal stack that move between registers and memory at a time.
+    STACK_BLOCK = 4;
     /// 16-byte texels of a BVH node.
     NODE_TEXELS = 4;
     /// 16-byte texels of a triangle.
@@ -63,7 +67,7 @@ shared_constants! {
 
     /// Workgroup size of every kernel but those of one thread.
     SPEC_WORKGROUP_SIZE = 0;
-    /// Entries of the traversal stack.
+    /// Entries of the traversal stack, in registers and in memory.
     SPEC_STACK_SIZE = 1;
     /// One of `INTEGRATOR_*`.
     SPEC_INTEGRATOR = 2;

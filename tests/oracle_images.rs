@@ -181,8 +181,8 @@ fn phong() {
 
 #[test]
 fn textured_sky() {
-    check("sky-n4", "textured-sky", 4, Implicit, 512, 0.0);
-    check("sky-n4", "textured-sky", 4, Explicit, 512, 0.0);
+    check("sky-n4-centred", "textured-sky", 4, Implicit, 512, 0.0);
+    check("sky-n4-centred", "textured-sky", 4, Explicit, 512, 0.0);
 }
 
 #[test]

@@ -2,49 +2,49 @@
 #ifndef BVH_GLSL
 #define BVH_GLSL
 #include "geometry.glsl"
+#include "stack.glsl"
 
-// The ray's own space: rows of the shear that takes its direction to (0, 0, 1).
-// (Woop, Benthin and Wald 2013, Watertight Ray/Triangle Intersection)
+// The ray's own space: its axes permuted so that the direction is longest along z, then sheared
+// so that it becomes (0, 0, 1). (Woop, Benthin and Wald 2013, Watertight Ray/Triangle Intersection)
 struct RaySpace {
-    vec3 x;
-    vec3 y;
-    vec3 z;
+    vec3 shear;
+    bool x_is_longest;
+    bool y_is_longest;
 };
+
+vec3 permute(vec3 v, bool x_is_longest, bool y_is_longest) {
+    return x_is_longest ? v.yzx : y_is_longest ? v.zxy : v;
+}
 
 RaySpace ray_space(vec3 d) {
     vec3 a = abs(d);
-    if (a.x >= a.y && a.x >= a.z) {
-        float s = 1.0 / d.x;
-        return RaySpace(vec3(-d.y * s, 1.0, 0.0), vec3(-d.z * s, 0.0, 1.0), vec3(s, 0.0, 0.0));
-    }
-    if (a.y >= a.z) {
-        float s = 1.0 / d.y;
-        return RaySpace(vec3(0.0, -d.z * s, 1.0), vec3(1.0, -d.x * s, 0.0), vec3(0.0, s, 0.0));
-    }
-    float s = 1.0 / d.z;
-    return RaySpace(vec3(1.0, 0.0, -d.x * s), vec3(0.0, 1.0, -d.y * s), vec3(0.0, 0.0, s));
+    bool x_is_longest = a.x >= a.y && a.x >= a.z;
+    bool y_is_longest = !x_is_longest && a.y >= a.z;
+    vec3 p = permute(d, x_is_longest, y_is_longest);
+    float inverse = 1.0 / p.z;
+    return RaySpace(vec3(p.xy * inverse, inverse), x_is_longest, y_is_longest);
 }
 
-// A dot product in a stated order, so that a vertex lands on one point whatever its triangle.
-float ordered_dot(vec3 a, vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+// A vertex in the ray's space but for the scale of z: one point, whatever triangle it belongs to.
+vec3 to_ray_space(RaySpace space, vec3 origin, vec3 vertex) {
+    vec3 p = permute(vertex - origin, space.x_is_longest, space.y_is_longest);
+    return vec3(p.xy - space.shear.xy * p.z, p.z);
+}
 
 // Intersects one triangle. Each edge's sign is that of the exact sheared geometry or zero, and
 // zero counts as inside, so a ray cannot slip between neighbours.
 bool intersect_triangle(vec3 origin, RaySpace space, Triangle t, out float distance, out vec2 barycentrics) {
-    vec3 a = t.v0 - origin;
-    vec3 b = t.v1 - origin;
-    vec3 c = t.v2 - origin;
-    vec2 pa = vec2(ordered_dot(space.x, a), ordered_dot(space.y, a));
-    vec2 pb = vec2(ordered_dot(space.x, b), ordered_dot(space.y, b));
-    vec2 pc = vec2(ordered_dot(space.x, c), ordered_dot(space.y, c));
-    float u = pc.x * pb.y - pc.y * pb.x;
-    float v = pa.x * pc.y - pa.y * pc.x;
-    float w = pb.x * pa.y - pb.y * pa.x;
+    vec3 a = to_ray_space(space, origin, t.v0);
+    vec3 b = to_ray_space(space, origin, t.v1);
+    vec3 c = to_ray_space(space, origin, t.v2);
+    float u = c.x * b.y - c.y * b.x;
+    float v = a.x * c.y - a.y * c.x;
+    float w = b.x * a.y - b.y * a.x;
     float determinant = u + v + w;
     float inverse = 1.0 / determinant;
-    distance = (u * ordered_dot(space.z, a) + v * ordered_dot(space.z, b) + w * ordered_dot(space.z, c)) * inverse;
+    distance = (u * a.z + v * b.z + w * c.z) * (inverse * space.shear.z);
     barycentrics = vec2(v, w) * inverse;
-    bool inside = min(min(u, v), w) >= 0.0 || max(max(u, v), w) <= 0.0;
+    bool inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
     return inside && determinant != 0.0 && distance > 0.0;
 }
 
@@ -57,22 +57,24 @@ vec3 safe_inverse(vec3 d) {
 // (Ize 2013, Robust BVH Ray Traversal)
 const float SLAB_SLACK = 1.0000008;
 
+// min and max as one instruction each: the built-ins carry a rule for NaN, which no box has.
+float lesser(float a, float b) { return a < b ? a : b; }
+float greater(float a, float b) { return a > b ? a : b; }
+
 // Where the ray enters the box, or a negative number if it misses it before `limit`.
 float enter_box(vec3 low, vec3 high, vec3 origin, vec3 inverse, float limit) {
-    vec3 t0 = (low - origin) * inverse;
-    vec3 t1 = (high - origin) * inverse;
-    vec3 near = min(t0, t1);
-    vec3 far = max(t0, t1);
-    float enter = max(max(near.x, near.y), max(near.z, 0.0));
-    float leave = min(min(far.x, far.y), min(far.z, limit));
+    vec3 a = (low - origin) * inverse;
+    vec3 b = (high - origin) * inverse;
+    float enter = greater(greater(lesser(a.x, b.x), lesser(a.y, b.y)), greater(lesser(a.z, b.z), 0.0));
+    float leave = lesser(lesser(greater(a.x, b.x), greater(a.y, b.y)), lesser(greater(a.z, b.z), limit));
     return enter <= leave * SLAB_SLACK ? enter : -1.0;
 }
 
 bool is_inner(uint reference) { return (reference & LEAF_BIT) == 0u; }
 
 // Steps from inner node `current` to its nearer child that the ray enters, the other one pushed,
-// or to the top of the stack.
-uint descend(uint current, vec3 origin, vec3 inverse, float limit, inout uint stack[STACK_SIZE], inout uint depth) {
+// or to the newest entry of the stack.
+uint descend(uint current, vec3 origin, vec3 inverse, float limit, inout Stack stack) {
     uvec4 left_low = fetch_nodes(NODE_TEXELS * current);
     uvec4 left_high = fetch_nodes(NODE_TEXELS * current + 1u);
     uvec4 right_low = fetch_nodes(NODE_TEXELS * current + 2u);
@@ -82,15 +84,10 @@ uint descend(uint current, vec3 origin, vec3 inverse, float limit, inout uint st
     bool left_is_near = right < 0.0 || (left >= 0.0 && left <= right);
     uint near = left_is_near ? left_low.w : right_low.w;
     uint far = left_is_near ? right_low.w : left_low.w;
-    if (max(left, right) < 0.0) {
-        depth -= 1u;
-        return stack[depth];
-    }
-    if (min(left, right) >= 0.0) {
-        stack[depth] = far;
-        depth += 1u;
-    }
-    return near;
+    bool both = left >= 0.0 && right >= 0.0;
+    bool neither = left < 0.0 && right < 0.0;
+    uint newest = update_stack(stack, both, neither, far);
+    return neither ? newest : near;
 }
 
 uint leaf_count(uint leaf) { return (leaf & ~LEAF_BIT) >> LEAF_COUNT_SHIFT; }
@@ -103,13 +100,11 @@ Hit trace_closest(Ray ray) {
     RaySpace space = ray_space(ray.direction);
     Hit nearest = Hit(NO_TRIANGLE, vec2(0.0), FARTHEST);
     uint nearest_original = NO_TRIANGLE;
-    uint stack[STACK_SIZE];
-    stack[0] = TRAVERSAL_DONE;
-    uint depth = 1u;
+    Stack stack = empty_stack();
     uint current = 0u;
     while (current != TRAVERSAL_DONE) {
         while (is_inner(current)) {
-            current = descend(current, ray.origin, inverse, nearest.distance, stack, depth);
+            current = descend(current, ray.origin, inverse, nearest.distance, stack);
         }
         if (current != TRAVERSAL_DONE) {
             uint triangle = leaf_first(current);
@@ -125,8 +120,7 @@ Hit trace_closest(Ray ray) {
                 }
                 triangle += 1u;
             }
-            depth -= 1u;
-            current = stack[depth];
+            current = update_stack(stack, false, true, 0u);
         }
     }
     return nearest;
@@ -137,13 +131,11 @@ bool trace_any(Ray ray, uint target, float limit) {
     vec3 inverse = safe_inverse(ray.direction);
     RaySpace space = ray_space(ray.direction);
     bool blocked = false;
-    uint stack[STACK_SIZE];
-    stack[0] = TRAVERSAL_DONE;
-    uint depth = 1u;
+    Stack stack = empty_stack();
     uint current = 0u;
     while (current != TRAVERSAL_DONE) {
         while (is_inner(current)) {
-            current = descend(current, ray.origin, inverse, limit, stack, depth);
+            current = descend(current, ray.origin, inverse, limit, stack);
         }
         if (current != TRAVERSAL_DONE) {
             uint triangle = leaf_first(current);
@@ -155,8 +147,8 @@ bool trace_any(Ray ray, uint target, float limit) {
                 blocked = blocked || (hit && distance < limit && triangle != ray.leaves && triangle != target);
                 triangle += 1u;
             }
-            depth -= 1u;
-            current = blocked ? TRAVERSAL_DONE : stack[depth];
+            uint newest = update_stack(stack, false, true, 0u);
+            current = blocked ? TRAVERSAL_DONE : newest;
         }
     }
     return blocked;

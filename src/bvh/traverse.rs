@@ -1,6 +1,6 @@
 //! CPU traversal of the kernels' nodes, in their arithmetic: the oracle of `bvh.glsl`.
 
-use glam::Vec3;
+use glam::{Vec3, Vec3Swizzles};
 
 use super::Bvh;
 use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE};
@@ -28,38 +28,47 @@ pub struct Hit {
     pub distance: f32,
 }
 
-/// Rows of the shear that takes the ray's direction to (0, 0, 1).
-/// (Woop, Benthin and Wald 2013)
-fn ray_space(d: Vec3) -> [Vec3; 3] {
-    let a = d.abs();
-    if a.x >= a.y && a.x >= a.z {
-        let s = 1.0 / d.x;
-        [Vec3::new(-d.y * s, 1.0, 0.0), Vec3::new(-d.z * s, 0.0, 1.0), Vec3::new(s, 0.0, 0.0)]
-    } else if a.y >= a.z {
-        let s = 1.0 / d.y;
-        [Vec3::new(0.0, -d.z * s, 1.0), Vec3::new(1.0, -d.x * s, 0.0), Vec3::new(0.0, s, 0.0)]
-    } else {
-        let s = 1.0 / d.z;
-        [Vec3::new(1.0, 0.0, -d.x * s), Vec3::new(0.0, 1.0, -d.y * s), Vec3::new(0.0, 0.0, s)]
-    }
+/// The ray's own space: its axes permuted so that the direction is longest along z, then sheared
+/// so that it becomes (0, 0, 1). (Woop, Benthin and Wald 2013)
+struct RaySpace {
+    origin: Vec3,
+    shear: Vec3,
+    permute: fn(Vec3) -> Vec3,
 }
 
-fn ordered_dot(a: Vec3, b: Vec3) -> f32 {
-    a.x * b.x + a.y * b.y + a.z * b.z
+impl RaySpace {
+    fn of(ray: &Ray) -> Self {
+        let a = ray.direction.abs();
+        let permute: fn(Vec3) -> Vec3 = if a.x >= a.y && a.x >= a.z {
+            |v| v.yzx()
+        } else if a.y >= a.z {
+            |v| v.zxy()
+        } else {
+            |v| v
+        };
+        let p = permute(ray.direction);
+        let inverse = 1.0 / p.z;
+        Self { origin: ray.origin, shear: Vec3::new(p.x * inverse, p.y * inverse, inverse), permute }
+    }
+
+    /// A vertex in this space but for the scale of z.
+    fn of_vertex(&self, vertex: [f32; 3]) -> Vec3 {
+        let p = (self.permute)(Vec3::from(vertex) - self.origin);
+        Vec3::new(p.x - self.shear.x * p.z, p.y - self.shear.y * p.z, p.z)
+    }
 }
 
 /// Watertight triangle test: distance and barycentrics of the hit in front of the origin.
 pub fn intersect_triangle(ray: &Ray, triangle: &Triangle) -> Option<(f32, [f32; 2])> {
-    let [x, y, z] = ray_space(ray.direction);
-    let [a, b, c] = [triangle.v0, triangle.v1, triangle.v2].map(|v| Vec3::from(v) - ray.origin);
-    let [(ax, ay), (bx, by), (cx, cy)] = [a, b, c].map(|v| (ordered_dot(x, v), ordered_dot(y, v)));
-    let u = cx * by - cy * bx;
-    let v = ax * cy - ay * cx;
-    let w = bx * ay - by * ax;
+    let space = RaySpace::of(ray);
+    let [a, b, c] = [triangle.v0, triangle.v1, triangle.v2].map(|v| space.of_vertex(v));
+    let u = c.x * b.y - c.y * b.x;
+    let v = a.x * c.y - a.y * c.x;
+    let w = b.x * a.y - b.y * a.x;
     let determinant = u + v + w;
     let inverse = 1.0 / determinant;
-    let distance = (u * ordered_dot(z, a) + v * ordered_dot(z, b) + w * ordered_dot(z, c)) * inverse;
-    let inside = u.min(v).min(w) >= 0.0 || u.max(v).max(w) <= 0.0;
+    let distance = (u * a.z + v * b.z + w * c.z) * (inverse * space.shear.z);
+    let inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
     (inside && determinant != 0.0 && distance > 0.0).then_some((distance, [v * inverse, w * inverse]))
 }
 

@@ -84,10 +84,8 @@ struct Normalisation {
 }
 
 impl Normalisation {
-    fn of(positions: &[DVec3]) -> Self {
-        let (low, high) = positions
-            .iter()
-            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)));
+    fn of(scene: &Scene) -> Self {
+        let (low, high) = scene.bounds();
         let extent = (0.5 * (high - low)).max_element();
         let scale = if extent > 0.0 { (-extent.log2().ceil()).exp2() } else { 1.0 };
         Self { centre: low.midpoint(high), scale }
@@ -112,7 +110,7 @@ impl PreparedScene {
         if mesh.triangles.len() > bvh::MAX_TRIANGLES {
             return Err(PrepareError::TooManyTriangles(mesh.triangles.len()));
         }
-        let normalisation = Normalisation::of(&mesh.positions);
+        let normalisation = Normalisation::of(scene);
         let points: Vec<Vec3> = mesh.positions.iter().map(|p| normalisation.point(*p).as_vec3()).collect();
         let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.positions.map(|i| points[i as usize])).collect();
         let bvh = Bvh::build(&corners);
@@ -194,6 +192,11 @@ impl PreparedScene {
         }
     }
 
+    /// Entries of the traversal stack: each inner node on the way down leaves one at most.
+    pub fn stack_size(&self) -> u32 {
+        self.bvh.depth
+    }
+
     /// Specialization constants by id.
     pub fn specialization(&self, settings: &Settings, workgroup_size: u32) -> Vec<u32> {
         let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
@@ -201,8 +204,7 @@ impl PreparedScene {
         let mut constants = vec![0; SPEC_HAS_ROULETTE as usize + 1];
         for (id, value) in [
             (SPEC_WORKGROUP_SIZE, workgroup_size),
-            // One entry for each inner node on the way down, and the sentinel.
-            (SPEC_STACK_SIZE, self.bvh.depth + 1),
+            (SPEC_STACK_SIZE, self.stack_size()),
             (
                 SPEC_INTEGRATOR,
                 match settings.integrator {

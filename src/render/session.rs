@@ -11,7 +11,7 @@ use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
 use super::prepare::{PrepareError, PreparedScene};
 use super::settings::Settings;
 use super::wavefront;
-use crate::constants::STATUS_STACK_OVERFLOW;
+use crate::constants::{STACK_BLOCK, STACK_REGISTERS, STATUS_STACK_OVERFLOW};
 use crate::film::FilmMoments;
 use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDescription, GpuError, KernelTime};
 use crate::layout::{Control, FilmPixel, Frame};
@@ -129,7 +129,7 @@ impl Session {
             ExecutorDescription {
                 kernels: &wavefront::KERNELS,
                 specialization: &scene.specialization(settings, plan.workgroup_size),
-                buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan)).collect(),
+                buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan, scene.stack_size())).collect(),
             },
         )?;
         Ok(Self { executor, plan, settings: *settings })
@@ -278,8 +278,9 @@ fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterato
 }
 
 /// Buffers of the paths in flight and of the film.
-fn path_buffers<'a>(plan: &Plan) -> impl Iterator<Item = BufferRole<'a>> {
+fn path_buffers<'a>(plan: &Plan, stack_size: u32) -> impl Iterator<Item = BufferRole<'a>> {
     let slots = u64::from(plan.path_capacity);
+    let stack_blocks = u64::from(stack_size.saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK));
     let state = |name, size| BufferRole { name, usage: BufferUse::State, size, contents: None };
     [
         state("control", size_of::<Control>() as u64),
@@ -292,6 +293,7 @@ fn path_buffers<'a>(plan: &Plan) -> impl Iterator<Item = BufferRole<'a>> {
         state("shadow_origins", 16 * slots),
         state("shadow_directions", 16 * slots),
         state("shadow_radiances", 16 * slots),
+        state("stack_blocks", (16 * slots * stack_blocks).max(16)),
         state("film", u64::from(plan.pixels) * size_of::<FilmPixel>() as u64),
     ]
     .into_iter()

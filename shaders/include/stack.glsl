@@ -1,0 +1,60 @@
+// The traversal stack: the newest eight entries in registers, older ones in blocks of four in
+// memory.
+//
+// A private array would be simpler, but software devices make every access to one a chain of
+// selects over all its elements: with 46 entries, traversal was 14 times slower. Memory is touched
+// in loops alone, because a loop that no lane enters costs nothing where an `if` would run masked.
+#ifndef STACK_GLSL
+#define STACK_GLSL
+#include "specialization.glsl"
+#include "bindings_scene.glsl"
+
+// Blocks that left the registers: block `b` of an invocation lies at b * path_capacity + invocation.
+layout(set = 1, binding = 11, std430) buffer StackBlocks { uvec4 entries[]; } stack_blocks;
+
+const bool STACK_SPILLS = STACK_SIZE > STACK_REGISTERS;
+
+struct Stack {
+    uvec4 newer;   // newest entry first
+    uvec4 older;
+    uint count;    // entries in registers
+    uint blocks;   // in memory
+};
+
+// An empty stack yields TRAVERSAL_DONE.
+Stack empty_stack() { return Stack(uvec4(TRAVERSAL_DONE), uvec4(TRAVERSAL_DONE), 0u, 0u); }
+
+uint block_place(uint block) { return block * frame.path_capacity + gl_GlobalInvocationID.x; }
+
+// Makes room for a push, or brings back what a pop will need.
+void balance_stack(inout Stack stack, bool pushes, bool pops) {
+    while (pushes && stack.count == STACK_REGISTERS) {
+        stack_blocks.entries[block_place(stack.blocks)] = stack.older;
+        stack.blocks += 1u;
+        stack.count -= STACK_BLOCK;
+    }
+    while (pops && stack.count == 0u && stack.blocks > 0u) {
+        stack.blocks -= 1u;
+        stack.newer = stack_blocks.entries[block_place(stack.blocks)];
+        stack.count = STACK_BLOCK;
+    }
+}
+
+// Pushes `entry` if `pushes`, or pops and yields the newest entry if `pops`; not both.
+uint update_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
+    if (STACK_SPILLS) {
+        balance_stack(stack, pushes, pops);
+        stack.count += pushes ? 1u : 0u;
+        stack.count -= pops && stack.count > 0u ? 1u : 0u;
+    }
+    uint popped = stack.newer.x;
+    uvec4 pushed_newer = uvec4(entry, stack.newer.xyz);
+    uvec4 pushed_older = uvec4(stack.newer.w, stack.older.xyz);
+    uvec4 popped_newer = uvec4(stack.newer.yzw, stack.older.x);
+    uvec4 popped_older = uvec4(stack.older.yzw, TRAVERSAL_DONE);
+    stack.newer = pushes ? pushed_newer : pops ? popped_newer : stack.newer;
+    stack.older = pushes ? pushed_older : pops ? popped_older : stack.older;
+    return popped;
+}
+
+#endif
