@@ -92,7 +92,7 @@ fn small_and_far_bodies_vanish_too() {
             &device,
             &format!("far ball of {keys}"),
             &stage,
-            settings(64, 1, 64),
+            settings(64, 1, 1000),
             DVec3::ONE,
         );
     }
