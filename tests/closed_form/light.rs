@@ -168,6 +168,31 @@ fn the_sky_stands_where_it_should() {
     }
 }
 
+/// Under a clear pane no light sample reaches the sky, yet the path that leaves the floor goes on
+/// through both interfaces to find it: three bounces read the albedo, two read nothing. The pane
+/// is so wide that one sample in a million passes beneath it.
+#[test]
+fn light_is_found_through_a_pane() {
+    let device = device();
+    let view = View::new(dvec3(0.0, 0.8, 0.0), dvec3(0.5, 0.0, 0.3), 60.0);
+    let stage = Stage::new(view)
+        .sky(1.0)
+        .material("Kd 0.25 0.5 1")
+        .square(DVec3::ZERO, DVec3::Y, 1000.0)
+        .material("illum 6; Ni 1.5")
+        .square(dvec3(0.0, 1.5, 0.0), DVec3::Y, 1000.0)
+        .square(dvec3(0.0, 1.0, 0.0), -DVec3::Y, 1000.0);
+    let albedo = dvec3(0.25, 0.5, 1.0);
+    assert_every_sample(&device, "pane", &stage, settings(32, 1, 3), albedo);
+    assert_every_sample(
+        &device,
+        "pane at two bounces",
+        &stage,
+        settings(32, 1, 2),
+        DVec3::ZERO,
+    );
+}
+
 /// Both integrators have one expectation for every number of bounces: in a box, and where light
 /// reaches the floor through glass alone, so that paths go on after the last light sample.
 #[test]
