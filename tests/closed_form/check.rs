@@ -16,7 +16,7 @@ pub const BOTH: [Integrator; 2] = [Implicit, Explicit];
 /// the device.
 pub const ROUNDING: f64 = 1e-5;
 
-/// Probability that one render of a right renderer fails. Some sixty renders are compared.
+/// Probability that one render of a right renderer fails. Some hundred renders are compared.
 const LEVEL: f64 = 1e-4;
 
 /// Pixels along the side of a block: enough samples for its mean to be normal.

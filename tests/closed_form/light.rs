@@ -202,7 +202,7 @@ fn integrators_agree_bounce_by_bounce() {
         let scene = own_scene(name);
         for bounces in 0..=4 {
             let [implicit, explicit] =
-                [(Implicit, 128), (Explicit, 64)].map(|(integrator, samples)| {
+                [(Implicit, 768), (Explicit, 256)].map(|(integrator, samples)| {
                     let settings = Settings {
                         integrator,
                         seed: samples,
