@@ -66,9 +66,8 @@ impl Bvh {
             self.sah_cost = f64::from(tree.nodes[0].prim_count);
             return;
         }
-        // (node of the tree, who refers to it, depth)
-        let mut open: Vec<(u32, Option<(usize, Side)>, u32)> = vec![(0, None, 1)];
-        while let Some((source, referrer, depth)) = open.pop() {
+        let mut open = vec![Subtree { source: 0, referrer: None, depth: 1 }];
+        while let Some(Subtree { source, referrer, depth }) = open.pop() {
             let node = &tree.nodes[source as usize];
             let area_share = f64::from(node.aabb.half_area()) / root_area;
             let reference = if node.is_leaf() {
@@ -79,8 +78,10 @@ impl Bvh {
                 self.depth = self.depth.max(depth);
                 let index = self.nodes.len();
                 self.nodes.push(EMPTY);
-                open.push((node.first_index + 1, Some((index, Side::Right)), depth + 1));
-                open.push((node.first_index, Some((index, Side::Left)), depth + 1));
+                for (child, side) in [(1, Side::Right), (0, Side::Left)] {
+                    let referrer = Some((index, side));
+                    open.push(Subtree { source: node.first_index + child, referrer, depth: depth + 1 });
+                }
                 index as u32
             };
             if let Some((parent, side)) = referrer {
@@ -110,6 +111,14 @@ impl Bvh {
         self.leaf_count += 1;
         leaf_reference(first, node.prim_count)
     }
+}
+
+/// A part of obvhs's tree that is still to be laid out.
+struct Subtree {
+    source: u32,
+    /// The node that will refer to it, and from which side; none for the root.
+    referrer: Option<(usize, Side)>,
+    depth: u32,
 }
 
 #[derive(Clone, Copy)]
