@@ -17,6 +17,7 @@ use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDe
 use crate::layout::{Control, FilmPixel, Frame};
 use crate::recording::Recording;
 use crate::scene::Scene;
+use crate::shaders::{self, Access};
 
 /// A render that failed.
 #[derive(Debug, Error)]
@@ -115,6 +116,19 @@ impl Session {
     /// # Errors
     /// When scene or film are over the device's limits, or the device fails.
     pub fn new(device: &Device, scene: &PreparedScene, settings: &Settings) -> Result<Self, RenderError> {
+        Self::with_access(device, scene, settings, None)
+    }
+
+    /// As [`Session::new`], with kernels that reach memory in the given way.
+    ///
+    /// # Errors
+    /// As [`Session::new`].
+    pub fn with_access(
+        device: &Device,
+        scene: &PreparedScene,
+        settings: &Settings,
+        access: Option<Access>,
+    ) -> Result<Self, RenderError> {
         let description = device.description();
         let limits = DeviceLimits {
             max_workgroup_size: description.max_workgroup_size,
@@ -127,9 +141,10 @@ impl Session {
         let executor = Executor::new(
             device,
             ExecutorDescription {
-                kernels: &wavefront::KERNELS,
+                kernels: &wavefront::KERNELS.map(shaders::kernel),
                 specialization: &scene.specialization(settings, plan.workgroup_size),
                 buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan, scene.stack_size())).collect(),
+                access,
             },
         )?;
         Ok(Self { executor, plan, settings: *settings })
@@ -234,7 +249,7 @@ impl Session {
             memory_bytes: self.executor.memory_bytes(),
             paths_in_flight: self.plan.path_capacity,
             workgroup_size: self.plan.workgroup_size,
-            texel_fetch: self.executor.texel_fetch(),
+            texel_fetch: self.executor.access().texel_fetch,
         };
         let pixels: Vec<FilmPixel> = bytemuck::pod_collect_to_vec(&self.executor.read("film")?);
         let total = |value: [f32; 4], compensation: [f32; 4]| {
@@ -253,7 +268,7 @@ impl Session {
 
 /// Buffers that the scene fills. A buffer that the scene does not need is one zero record: the
 /// kernels that could read it leave that code out.
-fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterator<Item = BufferRole<'a>> {
+pub fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterator<Item = BufferRole<'a>> {
     let bytes = bytemuck::cast_slice::<Frame, u8>(std::slice::from_ref(frame));
     let uniform = BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
     let data = |name, texel_bytes, contents: &'a [u8]| BufferRole {
