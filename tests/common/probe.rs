@@ -1,13 +1,16 @@
 //! Calls of single GLSL functions: the probes of `tests/shaders`, on what kernels see of a scene.
 
-use bytemuck::Pod;
-use glam::{DVec3, Vec3};
+use std::f64::consts::TAU;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DVec3, Vec3, Vec4};
 use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription};
 use raywave::layout::Batch;
 use raywave::recording::Recording;
 use raywave::render::{PreparedScene, Settings, scene_buffers};
 use raywave::scene::{Camera, Environment, Material, Mesh, RenderDefaults, Scene, Surface, Triangle};
 use raywave::shaders::{Access, Binding, BindingKind, Kernel, Variant};
+use raywave::stats::SplitMix64;
 
 use super::assert_silent;
 
@@ -104,4 +107,86 @@ pub fn grey() -> Material {
         ke: Vec3::ZERO,
         map_kd: None,
     }
+}
+
+/// Input of the probes `glossy` and `specular`: `SurfaceQuery` of `surface_query.glsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub struct SurfaceQuery {
+    pub geometric_normal: [f32; 4],
+    pub shading_normal: [f32; 4],
+    pub wo: [f32; 4],
+    pub wi: [f32; 4],
+    pub choice: f32,
+    pub unused: f32,
+    pub u: [f32; 2],
+    pub material: [u32; 4],
+}
+
+impl SurfaceQuery {
+    /// A flat surface about to be asked for a pair of directions.
+    pub fn new(material: usize, normal: DVec3, wo: DVec3, wi: DVec3) -> Self {
+        Self {
+            geometric_normal: lanes(normal),
+            shading_normal: lanes(normal),
+            wo: lanes(wo),
+            wi: lanes(wi),
+            material: [material as u32, 0, 0, 0],
+            ..Zeroable::zeroed()
+        }
+    }
+}
+
+/// Output of the probe `glossy`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub struct Glossy {
+    pub value: [f32; 3],
+    pub pdf: f32,
+    pub direction: [f32; 4],
+    pub weight: [f32; 4],
+}
+
+/// Output of the probe `specular`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub struct Specular {
+    pub direction: [f32; 4],
+    pub weight: [f32; 4],
+}
+
+/// A vector as GLSL's vec4, rounded.
+pub fn lanes(v: DVec3) -> [f32; 4] {
+    v.as_vec3().extend(0.0).to_array()
+}
+
+/// The first three lanes of a vec4.
+pub fn vector(lanes: [f32; 4]) -> DVec3 {
+    Vec4::from(lanes).truncate().as_dvec3()
+}
+
+/// Uniform numbers as the kernels draw them: multiples of 2^-24 in [0, 1).
+pub struct Uniform(SplitMix64);
+
+impl Uniform {
+    pub fn new(seed: u64) -> Self {
+        Self(SplitMix64::new(seed))
+    }
+
+    pub fn next<const N: usize>(&mut self) -> [f32; N] {
+        std::array::from_fn(|_| (self.0.next_u64() >> 40) as f32 * (-24_f32).exp2())
+    }
+
+    /// Uniform over the unit sphere.
+    pub fn direction(&mut self) -> DVec3 {
+        let [u, v] = self.next();
+        spherical(DVec3::Z, 1.0 - 2.0 * f64::from(u), TAU * f64::from(v))
+    }
+}
+
+/// The unit vector at that cosine from a unit axis, and at that angle around it.
+pub fn spherical(axis: DVec3, cosine: f64, phi: f64) -> DVec3 {
+    let (x, y) = axis.any_orthonormal_pair();
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    sine * (phi.cos() * x + phi.sin() * y) + cosine * axis
 }

@@ -6,25 +6,27 @@
 #include "path.glsl"
 
 struct Query {
-    vec4 hit;  // triangle as bits, barycentrics, unused
-    vec4 wo;   // unit, unused
+    uvec4 hit;  // triangle, bits of barycentrics, unused
+    vec4 wo;    // unit, unused
     vec4 u;
 };
 
 struct Answer {
-    vec4 origin;     // of the shadow ray, 1 where it is blocked
-    vec4 ray;        // direction of the shadow ray, triangle it may touch as bits
-    vec4 direction;  // unit, unused
-    vec4 radiance;   // over density, unused
-    vec4 infinity;   // the environment's radiance along wo, unused
+    vec4 origin;     // of the shadow ray
+    vec4 ray;        // direction of the shadow ray
+    vec4 direction;  // unit
+    vec4 radiance;   // over density
+    vec4 infinity;   // the environment's radiance along wo
+    uvec4 light;     // triangle that it may touch, 1 where another blocks it, unused
 };
 
 Answer probe(Query query) {
-    Surface surface = surface_at(Hit(floatBitsToUint(query.hit.x), query.hit.yz, 0.0));
+    Surface surface = surface_at(Hit(query.hit.x, uintBitsToFloat(query.hit.yz), 0.0));
     LightSample light = sample_light(surface, query.wo.xyz, query.u);
     bool blocked = trace_any(light.ray, light.triangle, shadow_limit(light.triangle));
-    return Answer(vec4(light.ray.origin, float(blocked)), vec4(light.ray.direction, uintBitsToFloat(light.triangle)),
-        vec4(light.direction, 0.0), vec4(light.radiance, 0.0), vec4(environment_radiance(query.wo.xyz), 0.0));
+    return Answer(vec4(light.ray.origin, 0.0), vec4(light.ray.direction, 0.0), vec4(light.direction, 0.0),
+        vec4(light.radiance, 0.0), vec4(environment_radiance(query.wo.xyz), 0.0),
+        uvec4(light.triangle, uint(blocked), 0u, 0u));
 }
 
 PROBE(Query, Answer)
