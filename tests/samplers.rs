@@ -134,7 +134,7 @@ fn random_numbers_are_uniform_and_independent_of_their_neighbours() {
 // Warps
 
 #[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct Warp {
     axis: [f32; 3],
     exponent: f32,
@@ -142,7 +142,7 @@ struct Warp {
 }
 
 #[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct Warped {
     cosine: [f32; 4],
     cosine_power: [f32; 4],
@@ -207,7 +207,7 @@ fn warps_follow_their_densities() {
 // Camera
 
 #[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct CameraRay {
     origin: [f32; 4],
     direction: [f32; 4],
@@ -416,7 +416,7 @@ fn dielectrics_choose_by_fresnel() {
 // Lights
 
 #[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct LightQuery {
     triangle: u32,
     barycentrics: [f32; 2],
@@ -426,7 +426,7 @@ struct LightQuery {
 }
 
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct LightAnswer {
     origin: [f32; 4],
     ray: [f32; 4],
@@ -670,7 +670,8 @@ fn the_sky_is_sampled_by_its_luminance() {
             let solid = TAU / f64::from(sky.width) * (edge(row.floor()) - edge(row.floor() + 1.0));
             let expected = sky_radiance(&sky, direction) * solid / f64::from(texels[texel].probability);
             let error = (vector(answer.radiance) - expected).abs();
-            let tolerance = 1e-4 * expected + 1e-2 * solid / f64::from(texels[texel].probability);
+            // What drivers' sines allow.
+            let tolerance = 5e-4 * expected + 1e-2 * solid / f64::from(texels[texel].probability);
             assert!(error.cmple(tolerance).all(), "{answer:?}: {expected}");
         }
         assert_eq!((answer.light, answer.blocked), (NO_TRIANGLE, 0));

@@ -111,7 +111,7 @@ pub fn grey() -> Material {
 
 /// Input of the probes `glossy` and `specular`: `SurfaceQuery` of `surface_query.glsl`.
 #[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct SurfaceQuery {
     pub geometric_normal: [f32; 4],
     pub shading_normal: [f32; 4],
@@ -139,7 +139,7 @@ impl SurfaceQuery {
 
 /// Output of the probe `glossy`.
 #[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct Glossy {
     pub value: [f32; 3],
     pub pdf: f32,
@@ -149,7 +149,7 @@ pub struct Glossy {
 
 /// Output of the probe `specular`.
 #[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct Specular {
     pub direction: [f32; 4],
     pub weight: [f32; 4],
