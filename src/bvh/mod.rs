@@ -33,8 +33,8 @@ pub struct Bvh {
     pub nodes: Vec<Node>,
     /// For each place in leaf order, the index of the triangle in the input.
     pub order: Vec<u32>,
-    /// Inner nodes on the longest way from the root to a leaf, at most 60 and what a balanced tree
-    /// of all leaves would have. A traversal has no more than these and a sentinel on its stack.
+    /// Inner nodes on the longest way from the root to a leaf, at most 60 more than in a balanced
+    /// tree of all leaves. A traversal never has more entries than that on its stack.
     pub depth: u32,
     /// Leaves that hold triangles.
     pub leaf_count: u32,

@@ -11,7 +11,6 @@ use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
 use super::prepare::{PrepareError, PreparedScene};
 use super::settings::Settings;
 use super::wavefront;
-use crate::constants::{STACK_BLOCK, STACK_REGISTERS, STATUS_STACK_OVERFLOW};
 use crate::film::FilmMoments;
 use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDescription, GpuError, KernelTime};
 use crate::layout::{Control, FilmPixel, Frame};
@@ -29,8 +28,6 @@ pub enum RenderError {
     Prepare(#[from] PrepareError),
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    #[error("the traversal ran out of stack (status {0}), so the image would be wrong; this is a defect of raywave")]
-    Overflow(u32),
 }
 
 /// How far a render is.
@@ -143,7 +140,7 @@ impl Session {
             ExecutorDescription {
                 kernels: &wavefront::KERNELS.map(shaders::kernel),
                 specialization: &scene.specialization(settings, plan.workgroup_size),
-                buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan, scene.stack_size())).collect(),
+                buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan, scene.stack_bytes(plan.path_capacity))).collect(),
                 access,
             },
         )?;
@@ -162,7 +159,7 @@ impl Session {
     /// that are begun are finished for every pixel and the render ends there.
     ///
     /// # Errors
-    /// When the device fails or a stack overflows.
+    /// When the device fails.
     pub fn render(&mut self, mut progress: impl FnMut(&Progress) -> ControlFlow<()>) -> Result<Outcome, RenderError> {
         self.clear()?;
         let start = Instant::now();
@@ -234,9 +231,6 @@ impl Session {
 
     fn outcome(&mut self, samples: u32, sample_count: u64, wall_time: Duration) -> Result<Outcome, RenderError> {
         let control = self.control()?;
-        if control.status & STATUS_STACK_OVERFLOW != 0 {
-            return Err(RenderError::Overflow(control.status));
-        }
         let statistics = Statistics {
             samples,
             sample_count,
@@ -293,9 +287,8 @@ pub fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Ite
 }
 
 /// Buffers of the paths in flight and of the film.
-fn path_buffers<'a>(plan: &Plan, stack_size: u32) -> impl Iterator<Item = BufferRole<'a>> {
+fn path_buffers<'a>(plan: &Plan, stack_bytes: u64) -> impl Iterator<Item = BufferRole<'a>> {
     let slots = u64::from(plan.path_capacity);
-    let stack_blocks = u64::from(stack_size.saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK));
     let state = |name, size| BufferRole { name, usage: BufferUse::State, size, contents: None };
     [
         state("control", size_of::<Control>() as u64),
@@ -308,7 +301,7 @@ fn path_buffers<'a>(plan: &Plan, stack_size: u32) -> impl Iterator<Item = Buffer
         state("shadow_origins", 16 * slots),
         state("shadow_directions", 16 * slots),
         state("shadow_radiances", 16 * slots),
-        state("stack_blocks", (16 * slots * stack_blocks).max(16)),
+        state("stack_blocks", stack_bytes.max(16)),
         state("film", u64::from(plan.pixels) * size_of::<FilmPixel>() as u64),
     ]
     .into_iter()

@@ -39,13 +39,15 @@ impl Bench {
     pub fn run<I: Pod, O: Pod>(&self, name: &str, inputs: &[I]) -> Vec<O> {
         let kernel = PROBES.iter().find(|kernel| kernel.name == name).expect("tests name probes that exist");
         let workgroup_size = self.device.description().max_workgroup_size.min(256);
-        let frame = self.scene.frame(&self.settings, 1);
+        let items = inputs.len() as u32;
+        let frame = self.scene.frame(&self.settings, items);
         let state = |name, size, contents| BufferRole { name, usage: BufferUse::State, size, contents };
         let input_bytes = bytemuck::cast_slice(inputs);
         let output_size = size_of::<O>() * inputs.len();
         let probe_buffers = [
             state("probe_inputs", input_bytes.len() as u64, Some(input_bytes)),
             state("probe_outputs", output_size as u64, None),
+            state("stack_blocks", self.scene.stack_bytes(items).max(16), None),
         ];
         let description = ExecutorDescription {
             kernels: &[kernel],
@@ -54,7 +56,6 @@ impl Bench {
             access: self.access,
         };
         let mut executor = Executor::new(&self.device, description).expect("the probe is built");
-        let items = inputs.len() as u32;
         let batch = Batch { first_pixel: 0, pixel_count: items, first_sample: 0, sample_count: 1, bounce: 0 };
         let mut recording = Recording::default();
         recording.dispatch(kernel.name, items.div_ceil(workgroup_size), batch);

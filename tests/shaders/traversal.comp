@@ -12,24 +12,21 @@ struct Query {
 
 struct Answer {
     uvec4 hit;    // triangle, bits of barycentrics and distance
-    uvec4 walk;   // 1 where something blocks, most entries that the stack held, unused
+    uvec4 walk;   // 1 where something blocks, most entries that a stack that spills held, unused
 };
 
 // Walks every node that the ray enters, to see how far the stack grows.
 uint deepest_stack(Ray ray) {
-    uint stack[STACK_SIZE];
-    stack[0] = TRAVERSAL_DONE;
-    uint depth = 1u;
-    uint deepest = depth;
+    Stack stack = empty_stack();
+    uint deepest = 0u;
     uint current = 0u;
     while (current != TRAVERSAL_DONE) {
         if (is_inner(current)) {
-            current = descend(current, ray.origin, safe_inverse(ray.direction), FARTHEST, stack, depth);
+            current = descend(current, ray.origin, safe_inverse(ray.direction), FARTHEST, stack);
         } else {
-            depth -= 1u;
-            current = stack[depth];
+            current = update_stack(stack, false, true, 0u);
         }
-        deepest = max(deepest, depth);
+        deepest = max(deepest, stack.count + STACK_BLOCK * stack.blocks);
     }
     return deepest;
 }
