@@ -7,7 +7,7 @@ use ash::vk;
 
 use super::device::Shared;
 use super::error::{Action, GpuError};
-use crate::shaders::{self, Binding, BindingKind, Variant};
+use crate::shaders::{Binding, BindingKind, Kernel, Variant};
 
 /// The kernels of a render: one pipeline each, one layout for all, so that descriptor sets are
 /// bound once.
@@ -23,10 +23,10 @@ pub(super) struct Pipelines {
 }
 
 impl Pipelines {
-    /// Builds `names` in the given variant. `specialization[i]` is the constant of id `i`.
+    /// Builds the table's `sources` in the given variant. `specialization[i]` is the constant of id `i`.
     pub fn new(
         device: &Arc<Shared>,
-        names: &[&'static str],
+        sources: &[&'static Kernel],
         variant: usize,
         specialization: &[u32],
     ) -> Result<Self, GpuError> {
@@ -38,16 +38,16 @@ impl Pipelines {
             kernels: BTreeMap::new(),
             device: Arc::clone(device),
         };
-        for name in names {
-            let variant = &shaders::kernel(name).variants[variant];
+        for kernel in sources {
+            let variant = &kernel.variants[variant];
             pipelines.bindings.extend(variant.bindings.iter().map(|b| ((b.set, b.binding), *b)));
             pipelines.push_constant_size = pipelines.push_constant_size.max(variant.push_constant_size);
         }
         pipelines.make_layout()?;
-        for name in names {
-            let variant = &shaders::kernel(name).variants[variant];
-            let pipeline = pipelines.build(name, variant, specialization)?;
-            pipelines.kernels.insert(name, (pipeline, variant));
+        for kernel in sources {
+            let variant = &kernel.variants[variant];
+            let pipeline = pipelines.build(kernel.name, variant, specialization)?;
+            pipelines.kernels.insert(kernel.name, (pipeline, variant));
         }
         Ok(pipelines)
     }

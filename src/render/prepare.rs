@@ -197,6 +197,12 @@ impl PreparedScene {
         self.bvh.depth
     }
 
+    /// Bytes of the traversal stacks of `paths` at once, beyond what stays in registers.
+    pub fn stack_bytes(&self, paths: u32) -> u64 {
+        let blocks = self.stack_size().saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK);
+        u64::from(blocks) * u64::from(paths) * u64::from(4 * STACK_BLOCK)
+    }
+
     /// Specialization constants by id.
     pub fn specialization(&self, settings: &Settings, workgroup_size: u32) -> Vec<u32> {
         let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
