@@ -140,7 +140,7 @@ pub struct AliasCell {
     pub alias: u32,
 }
 
-/// Counts and arguments that stay on the device between kernels. 60 bytes.
+/// Counts and arguments that stay on the device between kernels. 64 bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Control {
@@ -162,6 +162,8 @@ pub struct Control {
     pub bounce_rays: [u32; 2],
     /// Shadow rays traced so far: low and high half.
     pub shadow_rays: [u32; 2],
+    /// 1 if the driver left a loop before its end.
+    pub cut_loops: u32,
 }
 
 impl Control {

@@ -27,6 +27,13 @@ impl Access {
     }
 }
 
+impl Kernel {
+    /// Whether the kernel uses the buffer of that GLSL name.
+    pub fn binds(&self, name: &str) -> bool {
+        self.variants[0].bindings.iter().any(|binding| binding.name == name)
+    }
+}
+
 /// One build of a kernel.
 #[derive(Debug)]
 pub struct Variant {

@@ -20,6 +20,7 @@ layout(set = 1, binding = 0, std430) CONTROL_ACCESS buffer Control {
     uint nonfinite_samples;     // left out of the film
     uint bounce_rays[2];        // traced so far: low and high half
     uint shadow_rays[2];
+    uint cut_loops;             // 1 if the driver left a loop before its end
 } control;
 
 layout(set = 1, binding = 1, std430) buffer RayQueue { uint paths[]; } ray_queue;  // two halves

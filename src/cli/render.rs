@@ -13,7 +13,7 @@ use serde_json::{Map, Value, json};
 
 use crate::film::{WriteOptions, check_output, write_image};
 use crate::gpu::{Device, DeviceDescription, Instance};
-use crate::render::{Outcome, PreparedScene, Progress, Session, Settings, Statistics};
+use crate::render::{Outcome, PreparedScene, Progress, Scheduler, Session, Settings, Statistics};
 use crate::scene::{Integrator, Scene};
 
 use super::devices::kind_name;
@@ -51,6 +51,12 @@ pub struct RenderArguments {
     /// Device, by number or part of its name; see `raywave devices`
     #[arg(long, env = "RAYWAVE_DEVICE")]
     device: Option<String>,
+    /// How the work is cut into kernels; the image is the same to the last bit
+    #[arg(long, default_value = "wavefront")]
+    scheduler: SchedulerName,
+    /// Invocations of a workgroup, a power of two
+    #[arg(long, value_name = "SIZE", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    workgroup: Option<u32>,
     /// Paths in flight
     #[arg(long, value_name = "PATHS", value_parser = clap::value_parser!(u32).range(1..))]
     in_flight: Option<u32>,
@@ -71,6 +77,14 @@ enum IntegratorName {
     Implicit,
     /// A light sample at every vertex
     Explicit,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum SchedulerName {
+    /// A kernel a stage, queues between them
+    Wavefront,
+    /// One kernel that follows a path from the camera to its end
+    Megakernel,
 }
 
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
@@ -117,7 +131,12 @@ fn resolve(arguments: &RenderArguments, scene: &Scene) -> anyhow::Result<Setting
         max_bounces: arguments.max_bounces.map_or(given.max_bounces, |bounces| u32::try_from(bounces).ok()),
         roulette: arguments.roulette.unwrap_or(given.roulette),
         seed: arguments.seed,
+        scheduler: match arguments.scheduler {
+            SchedulerName::Wavefront => Scheduler::Wavefront,
+            SchedulerName::Megakernel => Scheduler::Megakernel,
+        },
         in_flight: arguments.in_flight,
+        workgroup_size: arguments.workgroup,
     };
     settings.validate()?;
     if !arguments.exposure.is_finite() {
@@ -191,7 +210,10 @@ impl Report<'_> {
             "max_bounces": settings.max_bounces.map_or(-1, i64::from),
             "roulette": settings.roulette,
             "seed": settings.seed,
-            "scheduler": "wavefront",
+            "scheduler": match settings.scheduler {
+                Scheduler::Wavefront => "wavefront",
+                Scheduler::Megakernel => "megakernel",
+            },
             "paths_in_flight": statistics.paths_in_flight,
             "workgroup_size_invocations": statistics.workgroup_size,
             "bvh": "bvh2",

@@ -50,6 +50,14 @@ pub struct SampleRange {
     pub sample_count: u32,
 }
 
+impl SampleRange {
+    /// The push constants of a pass whose paths have had `bounce` scattering events.
+    pub fn at_bounce(self, bounce: u32) -> layout::Batch {
+        let Self { first_pixel, pixel_count, first_sample, sample_count } = self;
+        layout::Batch { first_pixel, pixel_count, first_sample, sample_count, bounce }
+    }
+}
+
 /// Bytes of the widest state record of a path: a queue entry in both halves is 8, state is 16.
 const STATE_BYTES: u64 = 16;
 
@@ -75,7 +83,7 @@ impl Plan {
             });
         }
         let pixels = pixels as u32;
-        let workgroup_size = device.max_workgroup_size.min(256);
+        let workgroup_size = settings.workgroup_size.unwrap_or(256).min(device.max_workgroup_size);
         let wanted = settings.in_flight.unwrap_or(if device.software {
             Self::SOFTWARE_PATHS
         } else {
@@ -114,6 +122,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::Scheduler;
     use crate::scene::Integrator;
     use proptest::prelude::*;
 
@@ -122,7 +131,7 @@ mod tests {
 
     fn settings(width: u32, height: u32, samples: u32, in_flight: Option<u32>) -> Settings {
         let integrator = Integrator::Explicit;
-        Settings { width, height, samples, integrator, max_bounces: Some(4), roulette: 0.0, seed: 0, in_flight }
+        Settings { width, height, samples, integrator, max_bounces: Some(4), roulette: 0.0, seed: 0, scheduler: Scheduler::Wavefront, in_flight, workgroup_size: None }
     }
 
     proptest! {

@@ -9,8 +9,8 @@ use thiserror::Error;
 
 use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
 use super::prepare::{PrepareError, PreparedScene};
-use super::settings::Settings;
-use super::wavefront;
+use super::settings::{Scheduler, Settings};
+use super::{megakernel, wavefront};
 use crate::film::FilmMoments;
 use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDescription, GpuError, KernelTime};
 use crate::layout::{Control, FilmPixel, Frame};
@@ -28,6 +28,8 @@ pub enum RenderError {
     Prepare(#[from] PrepareError),
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    #[error("the driver leaves a kernel's loops before their end, so the image would be wrong; use --scheduler wavefront, or fewer bounces")]
+    CutLoops,
 }
 
 /// How far a render is.
@@ -135,12 +137,17 @@ impl Session {
         };
         let plan = Plan::new(settings, &limits)?;
         let frame = scene.frame(settings, plan.path_capacity);
+        let names: &[&str] = match settings.scheduler {
+            Scheduler::Wavefront => &wavefront::KERNELS,
+            Scheduler::Megakernel => &megakernel::KERNELS,
+        };
+        let kernels: Vec<_> = names.iter().map(|name| shaders::kernel(name)).collect();
         let executor = Executor::new(
             device,
             ExecutorDescription {
-                kernels: &wavefront::KERNELS.map(shaders::kernel),
+                kernels: &kernels,
                 specialization: &scene.specialization(settings, plan.workgroup_size),
-                buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan, scene.stack_bytes(plan.path_capacity))).collect(),
+                buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan, scene.stack_bytes(plan.path_capacity))).filter(|buffer| kernels.iter().any(|kernel| kernel.binds(buffer.name))).collect(),
                 access,
             },
         )?;
@@ -204,6 +211,17 @@ impl Session {
 
     /// Takes a batch from the camera to the film.
     fn render_batch(&mut self, range: SampleRange) -> Result<(), GpuError> {
+        match self.settings.scheduler {
+            Scheduler::Wavefront => self.render_by_wavefront(range),
+            Scheduler::Megakernel => {
+                let mut recording = Recording::default();
+                megakernel::render(&mut recording, &self.plan, range);
+                self.executor.submit(&recording)
+            }
+        }
+    }
+
+    fn render_by_wavefront(&mut self, range: SampleRange) -> Result<(), GpuError> {
         let mut recording = Recording::default();
         wavefront::begin(&mut recording, &self.plan, range);
         // The vertex after the last bounce still finds emission.
@@ -231,6 +249,9 @@ impl Session {
 
     fn outcome(&mut self, samples: u32, sample_count: u64, wall_time: Duration) -> Result<Outcome, RenderError> {
         let control = self.control()?;
+        if control.cut_loops != 0 {
+            return Err(RenderError::CutLoops);
+        }
         let statistics = Statistics {
             samples,
             sample_count,

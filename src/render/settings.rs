@@ -36,8 +36,21 @@ pub struct Settings {
     pub roulette: f64,
     /// Seed of the random numbers.
     pub seed: u32,
+    /// How the work is cut into kernels.
+    pub scheduler: Scheduler,
     /// Paths in flight; `None` leaves it to the device.
     pub in_flight: Option<u32>,
+    /// Invocations of a workgroup, a power of two; `None` leaves it to the device.
+    pub workgroup_size: Option<u32>,
+}
+
+/// How the work is cut into kernels. The image is the same to the last bit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scheduler {
+    /// A kernel a stage, queues between them.
+    Wavefront,
+    /// One kernel that follows a path from the camera to its end.
+    Megakernel,
 }
 
 impl Settings {
@@ -51,7 +64,9 @@ impl Settings {
             max_bounces: scene.defaults.max_bounces,
             roulette: scene.defaults.roulette,
             seed: 0,
+            scheduler: Scheduler::Wavefront,
             in_flight: None,
+            workgroup_size: None,
         }
     }
 
