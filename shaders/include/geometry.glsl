@@ -57,9 +57,11 @@ vec3 interpolate_position(Triangle t, vec2 barycentrics, out vec3 error) {
 }
 
 // Moves a computed point off its plane to the side that `normal` shows, by a quarter more than
-// its error can be: the sum is rounded too. (After the same, 6.8.6)
+// its error can be: the sum is rounded too. (After the same, 6.8.6) The error counts in full,
+// whatever its direction: along a plane through the origin it has no part across, yet the distance
+// to a triangle in that plane is rounded all the same.
 vec3 offset_from_plane(vec3 position, vec3 error, vec3 normal) {
-    return position + 1.25 * dot(abs(normal), error) * normal;
+    return position + 1.25 * (error.x + error.y + error.z) * normal;
 }
 
 // A ray that leaves the surface to whichever side its direction points.
