@@ -249,6 +249,19 @@ fn help_and_version_are_data() {
     assert!(output.stdout.is_empty() && text(&output.stderr).contains("Usage: raywave"));
 }
 
+#[test]
+fn batches_do_not_change_the_image() {
+    let folder = Folder::new();
+    let bytes = |paths: &str| {
+        folder.succeed(&[&["render", "-o", "box.hdr", "--in-flight", paths], &TINY[..]].concat());
+        fs::read(folder.path("box.hdr")).expect("the image is written")
+    };
+    let whole = bytes("100000");
+    for paths in ["1", "100", "256", "300"] {
+        assert_eq!(bytes(paths), whole, "{paths} paths in flight");
+    }
+}
+
 const TINY: [&str; 7] = ["--width", "16", "--height", "16", "--samples", "2", "--quiet"];
 
 #[test]
