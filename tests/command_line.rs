@@ -262,6 +262,18 @@ fn batches_do_not_change_the_image() {
     }
 }
 
+#[test]
+fn one_pixel_takes_every_sample() {
+    // lavapipe leaves a loop after 65 535 rounds: samples went missing from a large batch.
+    let folder = Folder::new();
+    let bytes = |paths: &str| {
+        let size = ["--width", "1", "--height", "1", "--samples", "100000", "--quiet"];
+        folder.succeed(&[&["render", "-o", "box.hdr", "--in-flight", paths], &size[..]].concat());
+        fs::read(folder.path("box.hdr")).expect("the image is written")
+    };
+    assert_eq!(bytes("100000"), bytes("10000"));
+}
+
 const TINY: [&str; 7] = ["--width", "16", "--height", "16", "--samples", "2", "--quiet"];
 
 #[test]
