@@ -1,13 +1,13 @@
 //! `raywave diff`: how far an image is from a reference, in numbers and in false colour.
 
 use std::fmt;
-use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 
 use anyhow::Context;
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
+use super::print;
 use crate::film::{Image, WriteOptions, check_output, read_image, srgb, write_image};
 use crate::stats::{Differences, ImageComparison, compare_images, relative_squared_error};
 
@@ -72,11 +72,7 @@ pub fn run(arguments: &DiffArguments) -> anyhow::Result<()> {
     } else {
         report.to_string()
     };
-    match std::io::stdout().lock().write_all(text.as_bytes()) {
-        // Whoever reads has read enough, as `head` does.
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-        outcome => outcome.context("cannot print the report"),
-    }
+    print(&text)
 }
 
 /// Everything [`run`] does but the printing.

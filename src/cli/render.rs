@@ -2,7 +2,7 @@
 
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -91,7 +91,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     check_output(&arguments.output)?;
     if let Some(stats) = &arguments.stats {
         check_text_output(stats)?;
-        ensure!(*stats != arguments.output, "{}: --stats and --output name the same file", stats.display());
+        ensure!(!is_same_file(stats, &arguments.output)?, "{}: --stats and --output name the same file", stats.display());
     }
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
     let settings = resolve(arguments, &scene)?;
@@ -114,6 +114,12 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         summarise(arguments, &settings, &outcome.statistics);
     }
     Ok(())
+}
+
+/// Whether two paths whose folders exist name one file, however they are spelled.
+fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
+    let folder = |path: &Path| std::path::absolute(path)?.parent().unwrap_or(path).canonicalize();
+    Ok(a.file_name() == b.file_name() && folder(a)? == folder(b)?)
 }
 
 /// The scene's settings, with what the command line says instead.
