@@ -136,13 +136,15 @@ struct Case {
     wo: DVec3,
     cosine: f64,
     eta: f64,
+    /// How far the device's eta can be off: it is the material's index itself, or a quotient.
+    eta_error: f64,
 }
 
 impl Case {
     /// Cosines and indices that the rounding of the inputs cannot tell apart.
     fn roundings(&self) -> [(f64, f64); 5] {
         let (cosine, eta) = (self.cosine, self.eta);
-        let shift = |c: f64, e: f64| ((cosine + 2e-7 * c).max(1e-9), eta * (1.0 + 1e-7 * e));
+        let shift = |c: f64, e: f64| ((cosine + 2e-7 * c).max(1e-9), eta * (1.0 + self.eta_error * e));
         [(cosine, eta), shift(1.0, 1.0), shift(1.0, -1.0), shift(-1.0, 1.0), shift(-1.0, -1.0)]
     }
 }
@@ -160,7 +162,8 @@ fn specular_cases(material: usize, ni: f32, choice: f32) -> Vec<Case> {
             let wo = vector(query.wo);
             let cosine = side * normal.dot(wo) / (normal.length() * wo.length());
             if cosine > 0.0 {
-                cases.push(Case { query, n: side * normal, wo, cosine, eta: f64::from(ni).powf(side) });
+                let eta_error = if side > 0.0 || ni == 1.0 { 0.0 } else { 2e-7 };
+                cases.push(Case { query, n: side * normal, wo, cosine, eta: f64::from(ni).powf(side), eta_error });
             }
         }
     }

@@ -28,6 +28,16 @@ impl Family {
         self.0.push((chi_square(observed, expected).p, name.into()));
     }
 
+    /// Do the points fill the unit square evenly, together and along either side alone?
+    fn square(&mut self, points: impl Iterator<Item = DVec2> + Clone, name: impl Into<String>) {
+        let name = name.into();
+        for (columns, rows) in [(16, 16), (64, 1), (1, 64)] {
+            let observed = square_counts(points.clone(), columns, rows);
+            let even = observed.iter().sum::<f64>() / observed.len() as f64;
+            self.counts(&observed, &vec![even; observed.len()], format!("{name} in {columns} x {rows} cells"));
+        }
+    }
+
     /// Is the mean of the values as expected?
     fn mean(&mut self, values: impl IntoIterator<Item = f64>, expected: f64, name: impl Into<String>) {
         let moments = values.into_iter().fold(Moments::default(), |mut moments, value| {
@@ -153,7 +163,7 @@ struct Warped {
 
 #[test]
 fn warps_follow_their_densities() {
-    const N: usize = 1 << 15;
+    const N: usize = 1 << 17;
     let device = common::device();
     let bench = Bench::new(&device, &any_scene());
     let mut family = Family::default();
@@ -169,7 +179,6 @@ fn warps_follow_their_densities() {
                 .collect();
             let answers: Vec<Warped> = bench.run("warps", &queries);
             let axis = axis.as_dvec3();
-            let even = vec![N as f64 / 256.0; 256];
             let mut lobe = |name: &str, exponent: f32, direction: fn(&Warped) -> [f32; 4]| {
                 // (n + 1) / (2 pi) cos^n puts cos^(n + 1) and the turn evenly over the square.
                 let points = answers.iter().map(|answer| {
@@ -179,7 +188,7 @@ fn warps_follow_their_densities() {
                     assert!(cosine > -1e-7, "{name}: {v} is more than a right angle from {axis}");
                     DVec2::new(cosine.clamp(0.0, 1.0).powf(f64::from(exponent) + 1.0), turn(axis, v))
                 });
-                family.counts(&square_counts(points, 16, 16), &even, format!("{name} {exponent} about {axis}"));
+                family.square(points, format!("{name} {exponent} about {axis}"));
             };
             lobe("sample_cosine", 1.0, |answer| answer.cosine);
             lobe("sample_cosine_power", exponent, |answer| answer.cosine_power);
@@ -189,7 +198,7 @@ fn warps_follow_their_densities() {
                 assert!(p.length() < 1.0 + 1e-6);
                 DVec2::new(p.length_squared(), turn(DVec3::Z, p.extend(0.0)))
             });
-            family.counts(&square_counts(disk, 16, 16), &even, "sample_disk");
+            family.square(disk, "sample_disk");
 
             let triangle: Vec<_> = answers.iter().map(|answer| DVec2::from(answer.triangle.map(f64::from))).collect();
             assert!(triangle.iter().all(|p| p.min_element() >= 0.0 && p.element_sum() <= 1.0 + 1e-6));
@@ -249,8 +258,7 @@ fn camera_rays_fill_their_pixels_and_the_lens() {
                 let lens = DVec2::new(shift.dot(right.normalize()), shift.dot(up.normalize()));
                 on_lens.push(lens / f64::from(frame.lens_radius.max(f32::MIN_POSITIVE)));
             }
-            let even = vec![f64::from(N) / 256.0; 256];
-            family.counts(&square_counts(in_pixel.iter().copied(), 16, 16), &even, format!("jitter of {pixel}"));
+            family.square(in_pixel.iter().copied(), format!("jitter of {pixel}"));
             if aperture == 0.0 {
                 assert!(answers.iter().all(|ray| vector(ray.origin) == eye), "a pinhole is a point");
                 continue;
@@ -258,10 +266,10 @@ fn camera_rays_fill_their_pixels_and_the_lens() {
             let lens: Vec<_> =
                 on_lens.iter().map(|p| DVec2::new(p.length_squared(), turn(DVec3::Z, p.extend(0.0)))).collect();
             assert!(lens.iter().all(|p| p.x < 1.0 + 1e-4));
-            family.counts(&square_counts(lens.iter().copied(), 16, 16), &even, format!("lens of {pixel}"));
+            family.square(lens.iter().copied(), format!("lens of {pixel}"));
             for (a, b) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
                 let joint = in_pixel.iter().zip(&lens).map(|(p, q)| DVec2::new(p[a], q[b]));
-                family.counts(&square_counts(joint, 16, 16), &even, format!("jitter {a} and lens {b} of {pixel}"));
+                family.square(joint, format!("jitter {a} and lens {b} of {pixel}"));
             }
         }
     }
@@ -334,7 +342,7 @@ fn integrate_cells(normal: DVec3, rule: &[(f64, f64)], f: impl Fn(DVec3) -> DVec
 
 #[test]
 fn glossy_scattering_follows_its_density_and_its_weights_their_integral() {
-    const N: usize = 1 << 15;
+    const N: usize = 1 << 17;
     let device = common::device();
     let mut scene = any_scene();
     scene.materials = materials();
@@ -707,7 +715,7 @@ fn a_constant_sky_is_sampled_by_the_cosine_and_shares_with_lamps() {
         assert_eq!((answer.light, answer.blocked), (NO_TRIANGLE, 0));
         DVec2::new(cosine * cosine, turn(n, direction))
     });
-    family.counts(&square_counts(points, 16, 16), &vec![N as f64 / 256.0; 256], "directions to the constant sky");
+    family.square(points, "directions to the constant sky");
 
     scene.mesh.positions.extend([DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.0, 0.5, 1.0), DVec3::new(0.5, 0.0, 1.0)]);
     scene.mesh.triangles.push(raywave::scene::Triangle { positions: [3, 4, 5], material: 1, ..scene.mesh.triangles[0] });
