@@ -9,7 +9,9 @@ use std::f64::consts::{PI, TAU};
 use bytemuck::{Pod, Zeroable};
 use common::meshes::{cuboid, placed};
 use common::optics;
-use common::probe::{Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, spherical, vector};
+use common::probe::{
+    Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, spherical, vector,
+};
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use raywave::constants::{ENVIRONMENT_LAT_LONG, NO_TRIANGLE};
 use raywave::scene::{Camera, Environment, EnvironmentMap, Material, Surface};
@@ -106,7 +108,8 @@ fn random_numbers_are_uniform_and_independent_of_their_neighbours() {
     };
     let mut family = Family::default();
     // What runs fastest, for a pixel, a sample, a vertex, a seed, and for pixels of a row.
-    let streams: [(&str, fn(u32) -> [u32; 4]); 6] = [
+    type Key = fn(u32) -> [u32; 4];
+    let streams: [(&str, Key); 6] = [
         ("pixels", |i| [i, 0, 0, 0]),
         ("samples", |i| [77, i, 2, 0]),
         ("blocks", |i| [77, 5, i, 0]),
@@ -353,7 +356,9 @@ fn glossy_scattering_follows_its_density_and_its_weights_their_integral() {
     let tilted = spherical(up, 0.9, 1.0);
     let rule = gauss_legendre(16);
     for (index, material) in scene.materials.iter().enumerate() {
-        for (angle, shading, side) in [(0.0_f64, up, 1.0), (40.0, up, -1.0), (80.0, up, 1.0), (89.5, up, 1.0), (50.0, tilted, 1.0)] {
+        for (angle, shading, side) in
+            [(0.0_f64, up, 1.0), (40.0, up, -1.0), (80.0, up, 1.0), (89.5, up, 1.0), (50.0, tilted, 1.0)]
+        {
             let wo = spherical(side * up, angle.to_radians().cos(), 2.0);
             let queries: Vec<_> = (0..N)
                 .map(|_| {
@@ -407,7 +412,9 @@ fn dielectrics_choose_by_fresnel() {
         let mut scene = any_scene();
         scene.materials = vec![Material { surface: Surface::Dielectric, ni, ..grey() }];
         let bench = Bench::new(&device, &scene);
-        for (angle, side) in [(0.0_f64, 1.0), (30.0, 1.0), (75.0, 1.0), (89.0, 1.0), (20.0, -1.0), (41.0, -1.0), (60.0, -1.0)] {
+        for (angle, side) in
+            [(0.0_f64, 1.0), (30.0, 1.0), (75.0, 1.0), (89.0, 1.0), (20.0, -1.0), (41.0, -1.0), (60.0, -1.0)]
+        {
             let cosine = angle.to_radians().cos();
             let wo = spherical(side * n, cosine, 0.5);
             let queries: Vec<_> = (0..N)
@@ -660,8 +667,7 @@ fn the_sky_is_sampled_by_its_luminance() {
         let third = |x: f64| ((3.0 * x) as usize).min(2);
         observed[(row * 16 + column) * 9 + third(down) * 3 + third(x - column as f64)] += 1.0;
     }
-    let expected: Vec<_> =
-        texels.iter().flat_map(|texel| [f64::from(texel.probability) * N as f64 / 9.0; 9]).collect();
+    let expected: Vec<_> = texels.iter().flat_map(|texel| [f64::from(texel.probability) * N as f64 / 9.0; 9]).collect();
     family.counts(&observed, &expected, "directions to the sky");
 
     // Each sample is the sky's radiance over its density.
@@ -718,7 +724,11 @@ fn a_constant_sky_is_sampled_by_the_cosine_and_shares_with_lamps() {
     family.square(points, "directions to the constant sky");
 
     scene.mesh.positions.extend([DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.0, 0.5, 1.0), DVec3::new(0.5, 0.0, 1.0)]);
-    scene.mesh.triangles.push(raywave::scene::Triangle { positions: [3, 4, 5], material: 1, ..scene.mesh.triangles[0] });
+    scene.mesh.triangles.push(raywave::scene::Triangle {
+        positions: [3, 4, 5],
+        material: 1,
+        ..scene.mesh.triangles[0]
+    });
     scene.materials.push(Material { ke: Vec3::ONE, ..grey() });
     let bench = Bench::new(&device, &scene);
     let (_, answers) = ask_for_light(&bench, N, &mut random);
