@@ -30,7 +30,7 @@ impl Folder {
         let folder = Self(tempfile::tempdir().expect("a temporary folder"));
         folder.write("lamp.mtl", LAMP_MTL);
         for (name, width) in [("small.png", 2), ("small.exr", 2), ("wide.png", 3), ("wide.exr", 3)] {
-            folder.write(name, &image(name, width));
+            folder.write(name, image(name, width));
         }
         folder
     }
@@ -298,9 +298,8 @@ fn the_same_command_gives_the_same_bytes() {
 #[test]
 fn statistics_and_metadata_hold_every_setting() {
     let folder = Folder::new();
-    let flags = [
-        "--integrator", "implicit", "--max-bounces", "-1", "--roulette", "0.25", "--seed", "7", "--in-flight", "100",
-    ];
+    let flags =
+        ["--integrator", "implicit", "--max-bounces", "-1", "--roulette", "0.25", "--seed", "7", "--in-flight", "100"];
     folder.succeed(&[&["render", "-o", "box.exr", "--stats", "box.json"], &TINY[..], &flags[..]].concat());
 
     let json = fs::read_to_string(folder.path("box.json")).expect("the statistics are written");
@@ -408,7 +407,8 @@ fn an_image_differs_from_itself_by_nothing() {
     let report = folder.succeed(&["diff", "small.exr", "small.exr"]);
     let mse = report.lines().find(|line| line.starts_with("mse")).expect("mse is in the report");
     assert_eq!(mse.split_whitespace().nth(1).map(str::parse), Some(Ok(0.0)), "{report}");
-    let json: Value = serde_json::from_str(&folder.succeed(&["diff", "small.exr", "small.exr", "--json"])).expect("JSON");
+    let json: Value =
+        serde_json::from_str(&folder.succeed(&["diff", "small.exr", "small.exr", "--json"])).expect("JSON");
     assert_eq!(json["whole"]["max_abs_difference"], 0.0);
 }
 
@@ -423,7 +423,8 @@ fn a_gallery_can_be_inspected() {
 fn a_reader_that_leaves_is_no_error() {
     let folder = Folder::new();
     for arguments in [&["info"][..], &["devices"], &["diff", "small.exr", "small.exr"], &["--help"]] {
-        let mut child = folder.command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
+        let mut child =
+            folder.command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
         // The program takes longer to load than this takes to close the pipe.
         drop(child.stdout.take());
         let output = child.wait_with_output().expect("it ends");

@@ -50,7 +50,8 @@ impl Line {
 }
 
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
-    let paths = fs::read_dir(folder).expect("the folder is readable").map(|entry| entry.expect("so is the entry").path());
+    let paths =
+        fs::read_dir(folder).expect("the folder is readable").map(|entry| entry.expect("so is the entry").path());
     let files = |path: PathBuf| if path.is_dir() { rust_files(&path) } else { vec![path] };
     paths.flat_map(files).filter(|path| path.extension().is_some_and(|extension| extension == "rs")).collect()
 }
@@ -75,7 +76,8 @@ fn sources() -> Vec<Line> {
 /// Fails with every line for which `is_wrong` holds.
 fn assert_none(rule: &str, is_wrong: impl Fn(&Line) -> bool) {
     let lines = sources();
-    let wrong: Vec<_> = lines.iter().filter(|line| is_wrong(line)).map(|l| format!("{}: {}", l.place, l.code)).collect();
+    let wrong: Vec<_> =
+        lines.iter().filter(|line| is_wrong(line)).map(|l| format!("{}: {}", l.place, l.code)).collect();
     assert!(wrong.is_empty(), "{rule}:\n{}", wrong.join("\n"));
 }
 
@@ -103,6 +105,7 @@ fn vulkan_and_unsafe_code_stay_in_gpu() {
 fn the_command_line_alone_prints() {
     let printers = ["print!", "println!", "eprint!", "eprintln!", "dbg!", "stdout", "stderr"];
     assert_none("output outside src/cli", |line| {
-        line.room != "cli" && printers.iter().any(|word| line.has(word.trim_end_matches('!')) && line.code.contains(word))
+        line.room != "cli"
+            && printers.iter().any(|word| line.has(word.trim_end_matches('!')) && line.code.contains(word))
     });
 }

@@ -41,7 +41,12 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
     writeln!(text, "BVH build        {:.1} ms, {speed:.2} M triangles/s", build_time.as_secs_f64() * 1e3)?;
     let buffers = prepared.buffer_bytes();
     let total: u64 = buffers.iter().map(|(_, bytes)| bytes).sum();
-    writeln!(text, "device memory    {}, {:.1} bytes a triangle", readable_bytes(total), total as f64 / triangles as f64)?;
+    writeln!(
+        text,
+        "device memory    {}, {:.1} bytes a triangle",
+        readable_bytes(total),
+        total as f64 / triangles as f64
+    )?;
     for (name, bytes) in buffers {
         writeln!(text, "  {name:<20} {}", readable_bytes(bytes))?;
     }

@@ -91,7 +91,11 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     check_output(&arguments.output)?;
     if let Some(stats) = &arguments.stats {
         check_text_output(stats)?;
-        ensure!(!is_same_file(stats, &arguments.output)?, "{}: --stats and --output name the same file", stats.display());
+        ensure!(
+            !is_same_file(stats, &arguments.output)?,
+            "{}: --stats and --output name the same file",
+            stats.display()
+        );
     }
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
     let settings = resolve(arguments, &scene)?;
@@ -242,9 +246,7 @@ impl Report<'_> {
         let kernels: Map<_, _> = statistics
             .kernels
             .iter()
-            .map(|(name, time)| {
-                ((*name).to_owned(), json!({ "gpu_seconds": time.seconds, "launches": time.launches }))
-            })
+            .map(|(name, time)| ((*name).to_owned(), json!({ "gpu_seconds": time.seconds, "launches": time.launches })))
             .collect();
         json!({
             "settings": self.settings(statistics),

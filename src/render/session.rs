@@ -147,7 +147,10 @@ impl Session {
             ExecutorDescription {
                 kernels: &kernels,
                 specialization: &scene.specialization(settings, plan.workgroup_size),
-                buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan, scene.stack_bytes(plan.path_capacity))).filter(|buffer| kernels.iter().any(|kernel| kernel.binds(buffer.name))).collect(),
+                buffers: scene_buffers(scene, &frame)
+                    .chain(path_buffers(&plan, scene.stack_bytes(plan.path_capacity)))
+                    .filter(|buffer| kernels.iter().any(|kernel| kernel.binds(buffer.name)))
+                    .collect(),
                 access,
             },
         )?;
@@ -285,7 +288,8 @@ impl Session {
 /// kernels that could read it leave that code out.
 pub fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterator<Item = BufferRole<'a>> {
     let bytes = bytemuck::cast_slice::<Frame, u8>(std::slice::from_ref(frame));
-    let uniform = BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
+    let uniform =
+        BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
     let data = |name, texel_bytes, contents: &'a [u8]| BufferRole {
         name,
         usage: BufferUse::Scene { texel_bytes },
