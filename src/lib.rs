@@ -17,4 +17,5 @@ pub mod render;
 pub mod scene;
 pub mod shaders;
 pub mod stats;
+pub mod studies;
 pub mod whole_file;
