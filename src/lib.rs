@@ -9,6 +9,7 @@ pub mod alias;
 pub mod bvh;
 pub mod cli;
 pub mod constants;
+pub mod export;
 pub mod film;
 pub mod gpu;
 pub mod layout;
