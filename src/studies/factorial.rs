@@ -128,6 +128,23 @@ pub struct Factor {
 }
 
 impl Factor {
+    /// Reads factors, each `name` or `name=level,level,…`, with commas between them. A part that is
+    /// no factor's name is one more level of the factor before it.
+    ///
+    /// # Errors
+    /// An unknown factor, a level that it does not take, a level named twice.
+    pub fn parse_list(text: &str) -> Result<Vec<Self>, StudyError> {
+        let mut factors: Vec<String> = Vec::new();
+        for part in text.split(',') {
+            let begins = part.contains('=') || FACTORS.iter().any(|kind| kind.name == part);
+            match factors.last_mut().filter(|factor| !begins && factor.contains('=')) {
+                Some(factor) => *factor += &format!(",{part}"),
+                None => factors.push(part.to_owned()),
+            }
+        }
+        factors.iter().map(|factor| Self::parse(factor)).collect()
+    }
+
     /// Reads `name` or `name=level,level,…`.
     ///
     /// # Errors
