@@ -3,6 +3,7 @@
 //! Data goes to stdout, all else to stderr. Exit codes: 0 done, 1 the device failed, 2 bad input
 //! or an output that cannot be written, 130 broken off by a second Ctrl-C.
 
+pub mod compare;
 mod devices;
 pub mod diff;
 mod info;

@@ -39,7 +39,7 @@ impl SplitMix64 {
 }
 
 /// A value and the interval that covers the true one with the stated confidence.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Estimate {
     /// The statistic of the sample itself.
     pub value: f64,

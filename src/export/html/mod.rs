@@ -1,0 +1,564 @@
+//! One self-contained page: no network, no fonts or scripts but its own.
+//!
+//! The page forbids itself the network by a content security policy. Its plots are drawn here, so
+//! that it can be read without JavaScript; sorting, tabs and the image slider need it.
+
+mod pictures;
+mod plots;
+mod svg;
+mod table;
+
+use std::sync::Arc;
+
+use serde_json::json;
+
+use self::pictures::Pictures;
+use self::plots::{KernelColours, RatioRow, crossing_text};
+use self::svg::escape;
+use self::table::{Cell, table};
+use super::Document;
+use super::numbers::{Unit, bytes, count, grouped, seconds, significant};
+use crate::film::Image;
+use crate::studies::{Clock, CombinationReport, Measurement, Report, SceneReport, Verdict};
+
+const STYLE: &str = include_str!("page.css");
+const SCRIPT: &str = include_str!("page.js");
+/// Most rows of the plot of all scenes; above, it shows each scene's fastest alone.
+const MAX_OVERVIEW_ROWS: usize = 40;
+
+/// Writes the page; keeps encoded images from one time to the next.
+#[derive(Debug, Default)]
+pub struct Page {
+    pictures: Pictures,
+}
+
+impl Page {
+    /// A page whose images are multiplied by 2^`exposure_stops`.
+    pub fn new(exposure_stops: f32) -> Self {
+        Self { pictures: Pictures::new(exposure_stops) }
+    }
+
+    /// The page of a report.
+    pub fn html(&mut self, document: &Document<'_>) -> String {
+        let report = document.report;
+        let mut store = Store { pictures: &mut self.pictures, uris: Vec::new() };
+        let colours = KernelColours::of(&report.scenes);
+        let scenes: String =
+            report.scenes.iter().enumerate().map(|(i, scene)| scene_article(i, scene, &colours, &mut store)).collect();
+        // "</" would end the script element.
+        let uris = json!(store.uris).to_string().replace("</", "<\\/");
+        let title = title(report);
+        format!(
+            "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
+             style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
+             <link rel=\"icon\" href=\"data:,\">\n\
+             <title>raywave compare: {title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
+             {header}<main>\n{overview}{speeds}\
+             <section id=\"scenes\"><h2>Where the time goes</h2>\n{tabs}{scenes}</section>\n\
+             {work}{starts}{caveats}{provenance}</main>\n\
+             <script type=\"application/json\" id=\"pictures\">{uris}</script>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n",
+            header = header(document, &title),
+            overview = overview(report),
+            speeds = speeds(report),
+            tabs = tabs(report),
+            work = work(report),
+            starts = starts(report),
+            caveats = caveats(report),
+            provenance = provenance(document),
+        )
+    }
+}
+
+/// The images of a page, each once.
+struct Store<'a> {
+    pictures: &'a mut Pictures,
+    uris: Vec<String>,
+}
+
+impl Store<'_> {
+    fn add(&mut self, uri: &str) -> usize {
+        self.uris.iter().position(|known| known == uri).unwrap_or_else(|| {
+            self.uris.push(uri.to_owned());
+            self.uris.len() - 1
+        })
+    }
+
+    fn add_image(&mut self, image: &Arc<Image>) -> usize {
+        let uri = self.pictures.image(image).to_owned();
+        self.add(&uri)
+    }
+
+    fn add_difference(&mut self, a: &Arc<Image>, b: &Arc<Image>) -> (usize, f64, f64) {
+        let (uri, (low, high)) = self.pictures.difference(a, b);
+        let uri = uri.to_owned();
+        (self.add(&uri), low, high)
+    }
+}
+
+/// The factors that have several levels.
+fn varied(report: &Report) -> impl Iterator<Item = &'static str> {
+    report.factors.iter().filter(|(_, levels)| levels.len() > 1).map(|(name, _)| *name)
+}
+
+fn title(report: &Report) -> String {
+    let names: Vec<&str> = varied(report).collect();
+    escape(&if names.is_empty() { "one configuration".to_owned() } else { names.join(" × ") })
+}
+
+fn header(document: &Document<'_>, title: &str) -> String {
+    let Document { provenance, report } = document;
+    let place: Vec<String> = [&provenance.device, &provenance.driver, &provenance.date]
+        .into_iter()
+        .filter(|text| !text.is_empty())
+        .map(|text| escape(text))
+        .collect();
+    let unfinished = if report.complete {
+        ""
+    } else {
+        "<p class=\"unfinished\" role=\"status\">This study was not finished. The page shows what it had so far.</p>\n"
+    };
+    let findings: String = report.scenes.iter().flat_map(findings).map(|text| format!("<li>{text}</li>\n")).collect();
+    format!(
+        "<header>\n<div class=\"bar\"><p class=\"eyebrow\">raywave compare</p>\
+         <button type=\"button\" id=\"theme\" aria-label=\"Switch between light and dark\">◐</button></div>\n\
+         <h1>{title}</h1>\n<p class=\"place\">{}</p>\n{unfinished}<ul class=\"findings\">\n{findings}</ul>\n</header>\n",
+        place.join("<span> · </span>"),
+    )
+}
+
+/// What came of a scene, in sentences of HTML.
+fn findings(scene: &SceneReport) -> Vec<String> {
+    let name = escape(&scene.facts.scene);
+    let mut findings = Vec::new();
+    for crossover in &scene.crossovers {
+        let (a, b) = (escape(&crossover.a), escape(&crossover.b));
+        let crossings: Vec<String> = crossover.crossings.iter().map(|c| escape(&crossing_text(crossover, c))).collect();
+        let text = if crossings.is_empty() {
+            format!("{a} and {b} do not cross over {}", escape(crossover.factor))
+        } else {
+            crossings.join("; ")
+        };
+        findings.push(format!("<b>{name}</b> {text}"));
+    }
+    if scene.crossovers.is_empty() {
+        let with_ratio = scene.combinations.iter().filter_map(|c| Some((c, c.ratio?)));
+        let best = with_ratio.min_by(|a, b| a.1.estimate.value.total_cmp(&b.1.estimate.value));
+        if let Some((best, found)) = best {
+            let (label, base) = (escape(&best.label), escape(&best.baseline));
+            let e = found.estimate;
+            let speed = format!("{:.2}× <small>[{:.2}, {:.2}]</small>", 1.0 / e.value, 1.0 / e.high, 1.0 / e.low);
+            let interval = format!("<small>[{:.2}, {:.2}]</small>", e.low, e.high);
+            findings.push(match () {
+                () if found.within_noise => format!(
+                    "<b>{name}</b> no combination beats {base} beyond noise; {label} takes {:.2}× {interval} its time",
+                    e.value
+                ),
+                () if e.value < 1.0 => format!("<b>{name}</b> {label} is {speed} as fast as {base}"),
+                () => {
+                    format!(
+                        "<b>{name}</b> {base} is fastest; {label}, the next, takes {:.2}× {interval} its time",
+                        e.value
+                    )
+                }
+            });
+        }
+    }
+    let wrong = scene.combinations.iter().filter(|c| matches!(c.verdict, Verdict::Wrong { .. })).count();
+    if wrong > 0 {
+        let what = if wrong == 1 { "combination renders" } else { "combinations render" };
+        findings.push(format!("<b>{name}</b> <em class=\"wrong\">{wrong} {what} a wrong image</em> and cannot win"));
+    }
+    findings
+}
+
+fn overview(report: &Report) -> String {
+    let others = |scene: &SceneReport| (0..scene.combinations.len()).filter(|&i| !scene.is_baseline(i)).count();
+    if report.scenes.iter().all(|scene| others(scene) == 0) {
+        return String::new();
+    }
+    let whole = report.scenes.iter().map(others).sum::<usize>() <= MAX_OVERVIEW_ROWS;
+    let mut groups = Vec::new();
+    for scene in &report.scenes {
+        let mut rows: Vec<RatioRow<'_>> = Vec::new();
+        for (i, combination) in scene.combinations.iter().enumerate() {
+            if !scene.is_baseline(i) {
+                rows.push(ratio_row(combination));
+            }
+        }
+        if !whole {
+            let value = |row: &RatioRow<'_>| row.ratio.map_or(f64::INFINITY, |ratio| ratio.estimate.value);
+            rows.sort_by(|a, b| value(a).total_cmp(&value(b)));
+            rows.truncate(1);
+        }
+        groups.push((scene.facts.scene.clone(), rows));
+    }
+    let which = if whole { "" } else { "Each scene's fastest combination; all of them are below, by scene. " };
+    format!(
+        "<section id=\"ratios\"><h2>Against the baseline</h2>\n<p>{which}Bars are {:.0} % intervals; those that \
+         contain 1 are within noise and grey.</p>\n<figure>{}</figure></section>\n",
+        100.0 * report.confidence,
+        plots::ratios(&groups)
+    )
+}
+
+fn ratio_row(combination: &CombinationReport) -> RatioRow<'_> {
+    let otherwise = match &combination.verdict {
+        Verdict::Wrong { .. } => "wrong image, not ranked".to_owned(),
+        Verdict::Failed { .. } => "did not run".to_owned(),
+        _ => "not measured yet".to_owned(),
+    };
+    RatioRow { label: &combination.label, ratio: combination.ratio.as_ref(), otherwise }
+}
+
+/// Rows of a table over all combinations: the scene and the factors, then what `cells` adds.
+fn rows(report: &Report, cells: impl Fn(&SceneReport, &CombinationReport) -> Vec<Cell>) -> Vec<(String, Vec<Cell>)> {
+    let mut rows = Vec::new();
+    for scene in &report.scenes {
+        for (i, combination) in scene.combinations.iter().enumerate() {
+            let mut row = vec![Cell::text(&scene.facts.scene)];
+            row.extend(varied(report).map(|factor| {
+                let level = combination.configuration.level(factor).unwrap_or_default();
+                let key = combination.configuration.count(factor).map_or(level.to_owned(), |count| count.to_string());
+                Cell::html(escape(level), &key)
+            }));
+            row.extend(cells(scene, combination));
+            let class = if scene.is_baseline(i) { "baseline" } else { combination.verdict.word() };
+            rows.push((class.to_owned(), row));
+        }
+    }
+    rows
+}
+
+fn columns(report: &Report, more: &[(&str, &'static str)]) -> Vec<(String, &'static str)> {
+    let factors = varied(report).map(|factor| (factor.to_owned(), ""));
+    let more = more.iter().map(|&(name, unit)| (name.to_owned(), unit));
+    std::iter::once(("scene".to_owned(), "")).chain(factors).chain(more).collect()
+}
+
+/// The unit in which the longest time of the report is at least 1.
+fn time_unit(report: &Report) -> Unit {
+    let times = report.scenes.iter().flat_map(|scene| &scene.combinations).filter_map(|c| Some(c.seconds?.value));
+    Unit::of_time(times.fold(0.0, f64::max))
+}
+
+fn speeds(report: &Report) -> String {
+    let unit = time_unit(report);
+    let confidence = format!("{:.0} % interval", 100.0 * report.confidence);
+    let columns = columns(
+        report,
+        &[
+            ("image", ""),
+            ("time", unit.symbol),
+            ("ratio", "to baseline"),
+            ("samples", "M/s"),
+            ("rays", "M/s"),
+            ("device time", unit.symbol),
+            ("runs", ""),
+            ("caveats", ""),
+        ],
+    );
+    let rows = rows(report, |_, c| {
+        let typical = c.typical.as_ref();
+        let mega = |value: f64| significant(value / 1e6, 3);
+        let between = |low: f64, high: f64| format!("{}–{}", unit.number(low), unit.number(high));
+        let explanation = escape(&c.verdict.explanation());
+        let image = format!("<span class=\"{0}\" title=\"{explanation}\">{0}</span>", c.verdict.word());
+        let ratio = c.ratio.map(|r| r.estimate).or_else(|| {
+            let is_base = matches!(c.verdict, Verdict::Baseline);
+            is_base.then_some(crate::stats::Estimate { value: 1.0, low: 1.0, high: 1.0 })
+        });
+        let ratio_between = c.ratio.map(|r| format!("{:.3}–{:.3}", r.estimate.low, r.estimate.high));
+        vec![
+            Cell::html(image, c.verdict.word()),
+            Cell::number(c.seconds.map(|s| s.value), |v| unit.number(v))
+                .with_interval(c.seconds.map(|s| between(s.low, s.high))),
+            Cell::number(ratio.map(|r| r.value), |v| format!("{v:.3}")).with_interval(ratio_between),
+            Cell::number(c.samples_per_second(), mega),
+            Cell::number(c.rays_per_second(), mega),
+            Cell::number(typical.map(|t| t.gpu_seconds).filter(|s| *s > 0.0), |v| unit.number(v)),
+            Cell::number(Some(c.runs.len() as f64), |v| v.to_string()),
+            Cell::number(Some(caveats_of(c).len() as f64).filter(|n| *n > 0.0), |v| v.to_string()),
+        ]
+    });
+    format!(
+        "<section id=\"speeds\"><h2>Speeds</h2>\n<p>Medians of the {} clock; {confidence}s beside them. A heading \
+         sorts by its column.</p>\n{}</section>\n",
+        clock(report),
+        table("Speeds of all combinations", &columns, &rows)
+    )
+}
+
+fn clock(report: &Report) -> &'static str {
+    match report.clock {
+        Clock::Wall => "host's",
+        Clock::Gpu => "device's",
+    }
+}
+
+fn tabs(report: &Report) -> String {
+    if report.scenes.len() < 2 {
+        return String::new();
+    }
+    let tab = |(i, scene): (usize, &SceneReport)| {
+        format!(
+            "<button type=\"button\" role=\"tab\" id=\"tab-{i}\" aria-controls=\"scene-{i}\">{}</button>",
+            escape(&scene.facts.scene)
+        )
+    };
+    let tabs: String = report.scenes.iter().enumerate().map(tab).collect();
+    format!("<div class=\"tabs\" role=\"tablist\" aria-label=\"Scene\">{tabs}</div>\n")
+}
+
+fn scene_article(number: usize, scene: &SceneReport, colours: &KernelColours, store: &mut Store<'_>) -> String {
+    let facts = &scene.facts;
+    let mut html = format!(
+        "<article id=\"scene-{number}\">\n<h3>{} <small>{} × {} pixels, {} samples per pixel, {} triangles, {} BVH nodes</small></h3>\n",
+        escape(&facts.scene),
+        facts.width_pixels,
+        facts.height_pixels,
+        facts.samples_per_pixel,
+        grouped(facts.triangles),
+        grouped(facts.bvh_nodes),
+    );
+    let timed: Vec<&CombinationReport> = scene.combinations.iter().filter(|c| c.typical.is_some()).collect();
+    if !timed.is_empty() {
+        let kernels = timed.iter().filter_map(|c| c.typical.as_ref()).flat_map(|t| &t.kernels);
+        let mut names: Vec<&str> = Vec::new();
+        for kernel in kernels {
+            if !names.contains(&kernel.kernel.as_str()) {
+                names.push(&kernel.kernel);
+            }
+        }
+        html += &format!(
+            "<figure><figcaption>Time of each kernel in the median run{}</figcaption>{}</figure>\n",
+            legend(
+                names
+                    .iter()
+                    .map(|name| (colours.class(name), *name))
+                    .chain([("outside".to_owned(), "outside kernels")])
+            ),
+            plots::kernel_times(&timed, colours)
+        );
+    }
+    let with_bounces = |c: &&&CombinationReport| c.typical.as_ref().is_some_and(|t| !t.bounces.is_empty());
+    if let Some(Some((label, typical))) = timed.iter().find(with_bounces).map(|c| Some((&c.label, c.typical.as_ref()?)))
+    {
+        html += &format!(
+            "<figure><figcaption>Bounce by bounce: {}{}</figcaption>{}</figure>\n",
+            escape(label),
+            bounce_legend(typical, colours),
+            plots::bounces(typical, colours)
+        );
+    }
+    for crossover in &scene.crossovers {
+        let found: Vec<String> = crossover.crossings.iter().map(|c| escape(&crossing_text(crossover, c))).collect();
+        let found = if found.is_empty() { "no crossing".to_owned() } else { found.join("; ") };
+        html += &format!(
+            "<figure><figcaption>Crossover over {}: {found}</figcaption>{}</figure>\n",
+            escape(crossover.factor),
+            plots::crossover(crossover)
+        );
+    }
+    html += &slider(scene, store);
+    html += "</article>\n";
+    html
+}
+
+fn legend<'a>(entries: impl Iterator<Item = (String, &'a str)>) -> String {
+    let entry = |(class, name): (String, &str)| format!("<li class=\"{class}\">{}</li>", escape(name));
+    format!("<ul class=\"legend\">{}</ul>", entries.map(entry).collect::<String>())
+}
+
+fn bounce_legend(measurement: &Measurement, colours: &KernelColours) -> String {
+    let mut names: Vec<&str> = Vec::new();
+    for row in &measurement.bounces {
+        if !names.contains(&row.kernel.as_str()) {
+            names.push(&row.kernel);
+        }
+    }
+    legend(names.iter().map(|name| (colours.class(name), *name)))
+}
+
+/// The baseline's image and another's, with a divider to drag, and their difference.
+fn slider(scene: &SceneReport, store: &mut Store<'_>) -> String {
+    let mut options = String::new();
+    for i in 0..scene.combinations.len() {
+        let (other, base) = (&scene.combinations[i], scene.baseline_of(i));
+        let (Some(image), Some(base_image)) = (&other.image, &base.image) else { continue };
+        if scene.is_baseline(i) {
+            continue;
+        }
+        let (left, right) = (store.add_image(base_image), store.add_image(image));
+        let (heat, note) = match other.verdict.comparison() {
+            Some(comparison) if (image.width, image.height) == (base_image.width, base_image.height) => {
+                let (heat, low, high) = store.add_difference(image, base_image);
+                let note = format!(
+                    "{:.3} % of the pixels differ; relMSE {:.2e}, z {:.2}. Heat map: relative squared error, 10^{low:.0} (black) to 10^{high:.0} (yellow)",
+                    100.0 * comparison.share_of_differing_pixels,
+                    comparison.whole.rel_mse,
+                    comparison.whole.z,
+                );
+                (heat.to_string(), note)
+            }
+            _ => (String::new(), other.verdict.explanation()),
+        };
+        let [base, label, note] = [&base.label, &other.label, &note].map(|text| escape(text));
+        options += &format!(
+            "<option data-left=\"{left}\" data-right=\"{right}\" data-heat=\"{heat}\" data-base=\"{base}\" \
+             data-note=\"{note}\">{label}</option>\n"
+        );
+    }
+    if options.is_empty() {
+        return String::new();
+    }
+    let (width, height) = (scene.facts.width_pixels.max(1), scene.facts.height_pixels.max(1));
+    format!(
+        "<figure class=\"images\"><figcaption>The images</figcaption>\n\
+         <div class=\"controls\"><label>Against <span class=\"base\"></span>: <select>\n{options}</select></label>\
+         <label class=\"switch\"><input type=\"checkbox\" class=\"heat-switch\"> difference</label></div>\n\
+         <div class=\"stage\" style=\"aspect-ratio:{width}/{height}\">\
+         <img class=\"right\" alt=\"\"><img class=\"left\" alt=\"\"><img class=\"heat\" alt=\"Difference\" hidden>\
+         <span class=\"tag left\"></span><span class=\"tag right\"></span>\
+         <input type=\"range\" class=\"split\" min=\"0\" max=\"100\" step=\"0.5\" value=\"50\" \
+         aria-label=\"Where the left image ends, in percent of the width\"><span class=\"divider\"></span></div>\n\
+         <p class=\"note\" aria-live=\"polite\"></p></figure>\n"
+    )
+}
+
+fn work(report: &Report) -> String {
+    let columns = columns(
+        report,
+        &[
+            ("camera rays", ""),
+            ("bounce rays", ""),
+            ("shadow rays", ""),
+            ("nodes", "per ray"),
+            ("triangles", "per ray"),
+            ("active lanes", "%"),
+            ("path state moved", ""),
+            ("bandwidth", "path state"),
+            ("device memory", ""),
+        ],
+    );
+    let rows = rows(report, |_, c| {
+        let typical = c.typical.as_ref();
+        let counters = c.counters.as_ref();
+        let rays = |pick: fn(&Measurement) -> u64| Cell::number(typical.map(|t| pick(t) as f64), count);
+        let some_bytes = |value: Option<f64>, unit: &str| {
+            Cell::number(value.filter(|b| *b > 0.0), |v| format!("{}{unit}", bytes(v)))
+        };
+        vec![
+            rays(|t| t.rays.camera),
+            rays(|t| t.rays.bounce),
+            rays(|t| t.rays.shadow),
+            Cell::number(counters.map(|c| c.nodes_per_ray()), |v| significant(v, 3)),
+            Cell::number(counters.map(|c| c.triangles_per_ray()), |v| significant(v, 3)),
+            Cell::number(counters.and_then(|c| c.active_lane_share), |v| significant(100.0 * v, 3)),
+            some_bytes(typical.map(|t| t.path_state_bytes as f64), ""),
+            some_bytes(c.path_state_bytes_per_second(), "/s"),
+            some_bytes(typical.map(|t| t.memory_bytes as f64), ""),
+        ]
+    });
+    format!(
+        "<section id=\"work\"><h2>Work</h2>\n<p>Nodes, triangles and lanes are counted in a render of their own, never \
+         in a timed one.</p>\n{}</section>\n",
+        table("Work of all combinations", &columns, &rows)
+    )
+}
+
+fn starts(report: &Report) -> String {
+    let columns = columns(
+        report,
+        &[
+            ("first render", ""),
+            ("over the median", "×"),
+            ("start-up to first sample", ""),
+            ("pipelines, cold", ""),
+            ("pipelines, cached", ""),
+        ],
+    );
+    let rows = rows(report, |_, c| {
+        let first = c.first.as_ref();
+        let build = |pick: fn(&crate::studies::PipelineBuild) -> Option<f64>| {
+            let builds = first.map(|first| first.pipelines.iter().filter_map(pick).sum::<f64>());
+            Cell::number(builds.filter(|s| *s > 0.0), seconds)
+        };
+        let slower = first.and_then(|first| Some(first.wall_seconds / c.seconds?.value));
+        vec![
+            Cell::number(first.map(|f| f.wall_seconds), seconds),
+            Cell::number(slower, |v| format!("{v:.2}")),
+            Cell::number(first.map(|f| f.start_up_seconds).filter(|s| *s > 0.0), seconds),
+            build(|p| p.cold_seconds),
+            build(|p| p.cached_seconds),
+        ]
+    });
+    format!(
+        "<section id=\"start-up\"><h2>Start-up</h2>\n<p>First renders are in no statistic above.</p>\n{}</section>\n",
+        table("Start-up of all combinations", &columns, &rows)
+    )
+}
+
+/// What to distrust in a combination.
+fn caveats_of(combination: &CombinationReport) -> Vec<String> {
+    let gate = matches!(combination.verdict, Verdict::Wrong { .. } | Verdict::Failed { .. })
+        .then(|| format!("{}: {}", combination.verdict.word(), combination.verdict.explanation()));
+    gate.into_iter().chain(combination.warnings.iter().map(ToString::to_string)).collect()
+}
+
+fn caveats(report: &Report) -> String {
+    let mut items = String::new();
+    for scene in &report.scenes {
+        for combination in &scene.combinations {
+            for caveat in caveats_of(combination) {
+                let (scene, label) = (escape(&scene.facts.scene), escape(&combination.label));
+                items += &format!("<li><b>{scene}</b>, {label}: {}</li>\n", escape(&caveat));
+            }
+        }
+    }
+    if items.is_empty() {
+        items = "<li>None: every image is right, and no timing has outliers or drifts.</li>\n".to_owned();
+    }
+    format!("<section id=\"caveats\"><h2>Caveats</h2>\n<ul>\n{items}</ul></section>\n")
+}
+
+fn provenance(document: &Document<'_>) -> String {
+    let Document { provenance, report } = document;
+    let until = report.rounds.until.map_or_else(String::new, |share| {
+        format!(", until every interval is narrower than {} % of its value", significant(100.0 * share, 2))
+    });
+    let method = format!(
+        "First renders of every combination, unmeasured; then {} to {} rounds{until}. Each round renders every \
+         combination once, in a random order (seed {}). Intervals by percentile bootstrap of {} resamples. A ratio is \
+         that of the medians or the median of each round's ratio, whichever has the narrower interval.",
+        report.rounds.min,
+        report.rounds.max,
+        report.seed,
+        grouped(report.bootstrap_resamples as u64)
+    );
+    let mut entries: Vec<(String, String)> = vec![
+        ("command".into(), provenance.command_line.clone()),
+        ("date".into(), provenance.date.clone()),
+        ("raywave".into(), provenance.raywave_version.clone()),
+        ("device".into(), format!("{} ({})", provenance.device, provenance.device_kind)),
+        ("driver".into(), provenance.driver.clone()),
+        ("Vulkan".into(), provenance.vulkan_version.clone()),
+        ("subgroup".into(), format!("{} lanes", provenance.subgroup_size_lanes)),
+        ("clocks".into(), provenance.clocks.clone().unwrap_or_else(|| "not told".to_owned())),
+        ("baseline".into(), report.baseline.to_string()),
+        ("method".into(), method),
+    ];
+    for (key, value) in &provenance.settings {
+        entries.push((key.clone(), value.as_str().map_or_else(|| value.to_string(), str::to_owned)));
+    }
+    for scene in &report.scenes {
+        entries.push((format!("hash of {}", scene.facts.scene), scene.facts.scene_hash.clone()));
+    }
+    let entry = |(name, text): (String, String)| {
+        let text = if name == "command" { format!("<code>{}</code>", escape(&text)) } else { escape(&text) };
+        format!("<dt>{}</dt><dd>{text}</dd>\n", escape(&name))
+    };
+    let entries: String = entries.into_iter().filter(|(_, text)| !text.is_empty()).map(entry).collect();
+    format!("<section id=\"provenance\"><h2>Provenance</h2>\n<dl>\n{entries}</dl></section>\n")
+}

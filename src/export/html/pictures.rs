@@ -1,0 +1,98 @@
+//! Images in the page, as PNG in data URIs.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use crate::export::heatmap::{HeatmapScale, heatmap};
+use crate::film::{Image, WriteOptions, image_bytes};
+
+/// Every image once, however often the page is written and whoever shares it.
+#[derive(Debug, Default)]
+pub struct Pictures {
+    exposure_stops: f32,
+    /// Holding the image keeps its address from being given to another.
+    known: HashMap<(usize, Option<usize>), Picture>,
+}
+
+#[derive(Debug)]
+struct Picture {
+    uri: String,
+    /// The range of a heat map.
+    range: (f64, f64),
+    _held: Vec<Arc<Image>>,
+}
+
+impl Pictures {
+    pub fn new(exposure_stops: f32) -> Self {
+        Self { exposure_stops, known: HashMap::new() }
+    }
+
+    /// The data URI of an image.
+    pub fn image(&mut self, image: &Arc<Image>) -> &str {
+        let exposure = self.exposure_stops;
+        let picture = self.known.entry((address(image), None)).or_insert_with(|| Picture {
+            uri: data_uri(image, exposure),
+            range: (0.0, 0.0),
+            _held: vec![Arc::clone(image)],
+        });
+        &picture.uri
+    }
+
+    /// The data URI of the difference of two images of one size, and the range of its logarithmic
+    /// scale.
+    pub fn difference(&mut self, a: &Arc<Image>, b: &Arc<Image>) -> (&str, (f64, f64)) {
+        let picture = self.known.entry((address(a), Some(address(b)))).or_insert_with(|| {
+            let (image, low, high) = heatmap(a, b, HeatmapScale::Relative);
+            Picture { uri: data_uri(&image, 0.0), range: (low, high), _held: vec![Arc::clone(a), Arc::clone(b)] }
+        });
+        (&picture.uri, picture.range)
+    }
+}
+
+fn address(image: &Arc<Image>) -> usize {
+    Arc::as_ptr(image).addr()
+}
+
+fn data_uri(image: &Image, exposure: f32) -> String {
+    let options = WriteOptions { exposure, metadata: &[] };
+    // An image without pixels has no PNG; an empty URI shows as a missing image.
+    let bytes = image_bytes(Path::new("image.png"), image, &options).unwrap_or_default();
+    format!("data:image/png;base64,{}", base64(&bytes))
+}
+
+/// Base 64 of RFC 4648, section 4.
+fn base64(bytes: &[u8]) -> String {
+    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let group = chunk.iter().fold(0_u32, |group, &byte| group << 8 | u32::from(byte)) << (8 * (3 - chunk.len()));
+        for i in 0..4 {
+            let sextet = (group >> (18 - 6 * i)) & 63;
+            text.push(if i <= chunk.len() { char::from(ALPHABET[sextet as usize]) } else { '=' });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::base64;
+
+    /// The vectors of RFC 4648, section 10.
+    #[test]
+    fn base64_is_that_of_the_standard() {
+        let vectors = [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("fooba", "Zm9vYmE="),
+            ("foobar", "Zm9vYmFy"),
+        ];
+        for (text, encoded) in vectors {
+            assert_eq!(base64(text.as_bytes()), encoded);
+        }
+    }
+}

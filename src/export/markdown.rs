@@ -1,0 +1,112 @@
+//! Markdown, for issues, notes and commits.
+
+use super::Document;
+use super::numbers::{Unit, count, interval, ratio};
+use crate::studies::{Clock, CombinationReport, CrossingDirection, SceneReport};
+
+/// A table for each scene, and what to distrust below it.
+pub fn write(document: &Document<'_>) -> String {
+    let (provenance, report) = (document.provenance, document.report);
+    let mut text = format!(
+        "# raywave compare\n\n{}, {}; raywave {}; {}\n\n",
+        escape(&provenance.device),
+        escape(&provenance.driver),
+        provenance.raywave_version,
+        provenance.date,
+    );
+    if !provenance.command_line.is_empty() {
+        text += &format!("    {}\n\n", provenance.command_line.replace('\n', " "));
+    }
+    if !report.complete {
+        text += "**The study was not finished; this is what it has so far.**\n\n";
+    }
+    text += &format!(
+        "Medians of the {} clock with {:.0} % bootstrap intervals. A ratio is time over the baseline's: below 1 is faster.\n",
+        match report.clock {
+            Clock::Wall => "host's",
+            Clock::Gpu => "device's",
+        },
+        100.0 * report.confidence,
+    );
+    for scene in &report.scenes {
+        text += &scene_text(scene);
+    }
+    text
+}
+
+fn scene_text(scene: &SceneReport) -> String {
+    let facts = &scene.facts;
+    let mut text = format!(
+        "\n## {}\n\n{} x {} pixels, {} samples per pixel\n\n",
+        escape(&facts.scene),
+        facts.width_pixels,
+        facts.height_pixels,
+        facts.samples_per_pixel
+    );
+    let longest = scene.combinations.iter().filter_map(|c| Some(c.seconds?.value)).fold(0.0, f64::max);
+    let unit = Unit::of_time(longest);
+    text += &format!("| combination | image | time, {} | ratio | samples/s | rays/s |\n", unit.symbol);
+    text += "| :-- | :-- | --: | --: | --: | --: |\n";
+    for combination in &scene.combinations {
+        text += &row(combination, unit);
+    }
+    let notes: Vec<String> = scene.combinations.iter().flat_map(notes).collect();
+    if !notes.is_empty() {
+        text += &format!("\n{}", notes.concat());
+    }
+    for crossover in &scene.crossovers {
+        let (a, b) = (escape(&crossover.a), escape(&crossover.b));
+        if crossover.crossings.is_empty() {
+            text += &format!("\n- {a} and {b} do not cross over {}.\n", crossover.factor);
+        }
+        for crossing in &crossover.crossings {
+            let beyond = if crossing.direction == CrossingDirection::AFasterBeyond { &a } else { &b };
+            text += &format!(
+                "\n- {a} and {b} cross at {} {:.0} [{:.0}, {:.0}]; {beyond} is faster beyond.\n",
+                crossover.factor, crossing.cost.value, crossing.cost.low, crossing.cost.high
+            );
+        }
+    }
+    text
+}
+
+fn row(combination: &CombinationReport, unit: Unit) -> String {
+    let rate = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), count);
+    let seconds = combination.seconds.map_or_else(|| "–".to_owned(), |seconds| interval(&seconds, unit));
+    let against = match &combination.ratio {
+        Some(found) if found.within_noise => format!("{}, within noise", ratio(&found.estimate)),
+        Some(found) => ratio(&found.estimate),
+        None if combination.label == combination.baseline => "1".to_owned(),
+        None => "–".to_owned(),
+    };
+    let verdict = if combination.verdict.counts() {
+        combination.verdict.word().to_owned()
+    } else {
+        format!("**{}**", combination.verdict.word())
+    };
+    format!(
+        "| {} | {verdict} | {seconds} | {against} | {} | {} |\n",
+        escape(&combination.label),
+        rate(combination.samples_per_second()),
+        rate(combination.rays_per_second()),
+    )
+}
+
+fn notes(combination: &CombinationReport) -> Vec<String> {
+    let gate = (!combination.verdict.counts()).then(|| combination.verdict.explanation());
+    let all = gate.into_iter().chain(combination.warnings.iter().map(ToString::to_string));
+    all.map(|note| format!("- {}: {}\n", escape(&combination.label), escape(&note))).collect()
+}
+
+/// Text that Markdown leaves alone, in tables too.
+fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '\n' | '\r' => escaped.push(' '),
+            '\\' | '|' | '*' | '_' | '`' | '<' | '[' | ']' => escaped.extend(['\\', character]),
+            _ => escaped.push(character),
+        }
+    }
+    escaped
+}

@@ -1,0 +1,107 @@
+//! Reports of studies as files: JSON, CSV, Markdown and a page of HTML.
+//!
+//! This room turns a [`Report`] and its [`Provenance`] into text and keeps the files. It measures
+//! nothing, knows nothing of the GPU and never prints. JSON holds everything; CSV holds a row for
+//! each combination; Markdown and HTML are for people.
+
+mod csv;
+mod error;
+pub mod heatmap;
+mod html;
+mod markdown;
+mod numbers;
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+pub use error::ExportError;
+pub use html::Page;
+
+use crate::studies::{Provenance, Report};
+use crate::whole_file;
+
+/// A report and where it comes from.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Document<'a> {
+    /// Where it comes from.
+    pub provenance: &'a Provenance,
+    /// What was found.
+    #[serde(flatten)]
+    pub report: &'a Report,
+}
+
+impl Document<'_> {
+    /// Everything, as JSON: keys in snake_case with the unit in their name; what is not a finite
+    /// number is null.
+    pub fn json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("a report has nothing that JSON has not") + "\n"
+    }
+
+    /// A row for each combination of each scene, as CSV (RFC 4180) with a header. What does not
+    /// apply is empty.
+    pub fn csv(&self) -> String {
+        csv::write(self)
+    }
+
+    /// A table for each scene, as Markdown.
+    pub fn markdown(&self) -> String {
+        markdown::write(self)
+    }
+}
+
+/// What a file holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names say it")]
+pub enum Format {
+    Json,
+    Csv,
+    Markdown,
+    Html,
+}
+
+/// The files of a study, written anew each time there is more to say, each of them whole: a study
+/// that is broken off leaves what it had.
+#[derive(Debug, Default)]
+pub struct Exports {
+    files: Vec<(Format, PathBuf)>,
+    page: Page,
+}
+
+impl Exports {
+    /// Files to write. Checks, before any work is begun, that they can be written and differ. PNG
+    /// images in the page are brightened by `exposure_stops`.
+    ///
+    /// # Errors
+    /// A file that cannot be written, or that is named twice.
+    pub fn open(files: Vec<(Format, PathBuf)>, exposure_stops: f32) -> Result<Self, ExportError> {
+        for (i, (_, path)) in files.iter().enumerate() {
+            whole_file::check(path).map_err(unwritable(path))?;
+            if files[..i].iter().any(|(_, before)| before == path) {
+                return Err(ExportError::Twice { path: path.clone() });
+            }
+        }
+        Ok(Self { files, page: Page::new(exposure_stops) })
+    }
+
+    /// Writes every file.
+    ///
+    /// # Errors
+    /// A file that cannot be written any more, such as on a full disk. Those before it are written.
+    pub fn write(&mut self, document: &Document<'_>) -> Result<(), ExportError> {
+        for (format, path) in &self.files {
+            let text = match format {
+                Format::Json => document.json(),
+                Format::Csv => document.csv(),
+                Format::Markdown => document.markdown(),
+                Format::Html => self.page.html(document),
+            };
+            whole_file::write(path, |file| file.write_all(text.as_bytes())).map_err(unwritable(path))?;
+        }
+        Ok(())
+    }
+}
+
+fn unwritable(path: &Path) -> impl FnOnce(std::io::Error) -> ExportError {
+    |cause| ExportError::Write { path: path.to_path_buf(), cause }
+}

@@ -1,0 +1,407 @@
+//! What the timings of a study say: medians, ratios, their intervals, and what to distrust.
+
+use std::fmt;
+use std::sync::Arc;
+
+use serde::{Serialize, Serializer};
+
+use super::crossover::{Crossover, crossovers};
+use super::measurement::{Measurement, SceneFacts, WorkCounters};
+use super::noise::{outliers, trend};
+use super::validity::Verdict;
+use super::{Configuration, Rounds, Study};
+use crate::film::Image;
+use crate::stats::{Bootstrap, Estimate};
+
+/// Fewest runs whose range holds the median with 95 %: 1 - 2^(1 - n) is 0.94 of five, 0.97 of six.
+const ENOUGH_ROUNDS: usize = 6;
+/// p-value of a trend below which the timings drift.
+const DRIFT_P: f64 = 0.01;
+/// Width of an interval that [`CombinationReport::rounds_needed`] aims at, where the user names none.
+const TARGET_WIDTH: f64 = 0.03;
+/// Most that the kernels' times may miss of the whole before a warning.
+const KERNEL_SUM_TOLERANCE: f64 = 0.05;
+
+/// The clock by which combinations are compared.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Clock {
+    /// The host's, around the whole render.
+    #[default]
+    Wall,
+    /// The device's, inside its command buffers.
+    Gpu,
+}
+
+/// A study and what came of it.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// Whether the study ran to its end.
+    pub complete: bool,
+    /// Factors and their levels, in order.
+    #[serde(serialize_with = "factors")]
+    pub factors: Vec<(&'static str, Vec<String>)>,
+    /// The baseline.
+    pub baseline: Configuration,
+    /// How often.
+    pub rounds: Rounds,
+    /// The clock that is compared.
+    pub clock: Clock,
+    /// Share of intervals that cover the true value.
+    pub confidence: f64,
+    /// Resamples of each interval.
+    pub bootstrap_resamples: usize,
+    /// Seed of the order of the rounds.
+    pub seed: u64,
+    /// Scene by scene, as far as the study went.
+    pub scenes: Vec<SceneReport>,
+}
+
+/// What came of one scene.
+#[derive(Debug, Clone, Serialize)]
+pub struct SceneReport {
+    /// The scene.
+    #[serde(flatten)]
+    pub facts: SceneFacts,
+    /// Every combination, in the design's order.
+    pub combinations: Vec<CombinationReport>,
+    /// Where the faster combination changes, for each workload that was swept.
+    pub crossovers: Vec<Crossover>,
+}
+
+/// What came of one combination.
+#[derive(Debug, Clone, Serialize)]
+pub struct CombinationReport {
+    /// The combination.
+    pub configuration: Configuration,
+    /// What tells it from the others.
+    pub label: String,
+    /// The label of the combination that it is compared with.
+    pub baseline: String,
+    /// Whether its image is right.
+    #[serde(flatten)]
+    pub verdict: Verdict,
+    /// Median time of a render; `None` where it does not count or has no run.
+    pub seconds: Option<Estimate>,
+    /// Its time over the baseline's; `None` for the baseline itself.
+    pub ratio: Option<Ratio>,
+    /// 1 for the shortest time among those that do the same work.
+    pub rank: Option<usize>,
+    /// Rounds after which its intervals would be as narrow as asked for, or 3 %, by the square root
+    /// of their number.
+    pub rounds_needed: Option<usize>,
+    /// What to distrust.
+    pub warnings: Vec<Warning>,
+    /// The first render, with pipelines and start-up. Its times are in no statistic.
+    pub first: Option<Measurement>,
+    /// Work of traversal.
+    pub counters: Option<WorkCounters>,
+    /// Every timed run.
+    #[serde(serialize_with = "bare_runs")]
+    pub runs: Vec<Run>,
+    /// The run with the median time, whole: its kernels add up, which the kernels' medians do not.
+    pub typical: Option<Measurement>,
+    /// The image of the first render.
+    #[serde(skip)]
+    pub image: Option<Arc<Image>>,
+}
+
+/// One timed run.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// Its round, from 0.
+    pub round: usize,
+    /// Its place in the round, from 0.
+    pub position: usize,
+    /// What it cost.
+    pub measurement: Measurement,
+}
+
+/// How many times the baseline's time a combination takes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Ratio {
+    /// The ratio; below 1 is faster than the baseline.
+    #[serde(flatten)]
+    pub estimate: Estimate,
+    /// Where it comes from.
+    pub method: RatioMethod,
+    /// Whether the interval contains 1.
+    pub within_noise: bool,
+}
+
+/// Two ways to a ratio. The one with the narrower interval is reported.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RatioMethod {
+    /// The ratio of the medians, each resampled by itself. Narrower where the rounds have nothing
+    /// in common.
+    Medians,
+    /// The median of each round's ratio. Narrower where whole rounds are slow or fast together.
+    PairedRounds,
+}
+
+/// Something to distrust in a combination's timings.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum Warning {
+    FewRounds { rounds: usize },
+    SlowFirstRound { times_the_median: f64 },
+    Outliers { rounds: Vec<usize> },
+    Drift(Drift),
+    KernelSum { share_of_gpu_time: f64 },
+    NonfiniteSamples { samples: u64 },
+}
+
+/// A trend of a combination's timings.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Drift {
+    /// Spearman's, of time with round: above 0 where it got slower.
+    pub rank_correlation: f64,
+    /// Two-sided p-value.
+    pub p: f64,
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::FewRounds { rounds } => {
+                write!(f, "{rounds} rounds are too few for an interval of 95 %; run at least {ENOUGH_ROUNDS}")
+            }
+            Self::SlowFirstRound { times_the_median } => {
+                write!(f, "the first round took {times_the_median:.2} times the median; something was still warming up")
+            }
+            Self::Outliers { rounds } => {
+                let rounds: Vec<_> = rounds.iter().map(|round| (round + 1).to_string()).collect();
+                write!(f, "outliers in round {}; something else was using the machine", rounds.join(", "))
+            }
+            Self::Drift(Drift { rank_correlation, p }) => {
+                let way = if *rank_correlation > 0.0 { "slower" } else { "faster" };
+                write!(f, "it got {way} from round to round (rank correlation {rank_correlation:.2}, p {p:.4})")
+            }
+            Self::KernelSum { share_of_gpu_time } => {
+                write!(f, "its kernels add up to {:.1} % of the device's time", 100.0 * share_of_gpu_time)
+            }
+            Self::NonfiniteSamples { samples } => write!(f, "{samples} samples were NaN or infinite"),
+        }
+    }
+}
+
+impl Report {
+    pub(super) fn new(study: &Study) -> Self {
+        let factors = study.design.factors();
+        Self {
+            complete: false,
+            factors: factors.iter().map(|factor| (factor.kind.name, factor.levels.clone())).collect(),
+            baseline: study.design.baseline().clone(),
+            rounds: study.rounds,
+            clock: study.clock,
+            confidence: study.bootstrap.confidence,
+            bootstrap_resamples: study.bootstrap.resamples,
+            seed: study.seed,
+            scenes: Vec::new(),
+        }
+    }
+
+    /// Whether any combination's image is wrong.
+    pub fn has_wrong(&self) -> bool {
+        let wrong = |c: &CombinationReport| matches!(c.verdict, Verdict::Wrong { .. });
+        self.scenes.iter().flat_map(|scene| &scene.combinations).any(wrong)
+    }
+}
+
+impl SceneReport {
+    pub(super) fn new(study: &Study, facts: SceneFacts) -> Self {
+        let design = &study.design;
+        let combination = |configuration: Configuration| CombinationReport {
+            label: design.label(&configuration),
+            baseline: design.label(&design.baseline_of(&configuration)),
+            configuration,
+            verdict: Verdict::Pending,
+            seconds: None,
+            ratio: None,
+            rank: None,
+            rounds_needed: None,
+            warnings: Vec::new(),
+            first: None,
+            counters: None,
+            runs: Vec::new(),
+            typical: None,
+            image: None,
+        };
+        let combinations = design.combinations().into_iter().map(combination).collect();
+        Self { facts, combinations, crossovers: Vec::new() }
+    }
+
+    /// Whether others are compared with this combination.
+    pub fn is_baseline(&self, i: usize) -> bool {
+        self.combinations[i].label == self.combinations[i].baseline
+    }
+
+    /// The combination that this one is compared with.
+    pub fn baseline_of(&self, i: usize) -> &CombinationReport {
+        let label = &self.combinations[i].baseline;
+        self.combinations.iter().find(|c| c.label == *label).expect("a full factorial has every baseline")
+    }
+
+    pub(super) fn find(&self, configuration: &Configuration) -> usize {
+        let position = self.combinations.iter().position(|c| c.configuration == *configuration);
+        position.expect("a full factorial has every combination")
+    }
+
+    /// Width of the widest interval, of times and ratios, as a share of its value; infinite before
+    /// the first round.
+    pub fn widest_interval(&self) -> f64 {
+        self.combinations.iter().filter(|c| c.verdict.counts()).map(CombinationReport::width).fold(0.0, f64::max)
+    }
+
+    /// Computes everything that follows from the runs.
+    pub(super) fn analyse(&mut self, study: &Study) {
+        for i in 0..self.combinations.len() {
+            let ratio = (!self.is_baseline(i)).then(|| {
+                let (runs, base) = (&self.combinations[i], self.baseline_of(i));
+                let both_count = runs.verdict.counts() && base.verdict.counts();
+                both_count.then(|| Ratio::of(&runs.runs, &base.runs, study.clock, &study.bootstrap))?
+            });
+            self.combinations[i].ratio = ratio.flatten();
+            self.combinations[i].analyse(study);
+        }
+        self.rank();
+        self.crossovers = crossovers(self, &study.design, study.clock, &study.bootstrap);
+    }
+
+    fn rank(&mut self) {
+        let times: Vec<_> = self.combinations.iter().map(|c| (c.baseline.clone(), c.seconds)).collect();
+        for (i, combination) in self.combinations.iter_mut().enumerate() {
+            let (work, own) = &times[i];
+            combination.rank = own.map(|own| {
+                let faster = |(others, time): &&(String, Option<Estimate>)| {
+                    others == work && time.is_some_and(|time| time.value < own.value)
+                };
+                1 + times.iter().filter(faster).count()
+            });
+        }
+    }
+}
+
+impl CombinationReport {
+    fn analyse(&mut self, study: &Study) {
+        (self.seconds, self.typical, self.rounds_needed) = (None, None, None);
+        self.warnings.clear();
+        if !self.verdict.counts() || self.runs.is_empty() {
+            return;
+        }
+        let seconds: Vec<f64> = self.runs.iter().map(|run| run.seconds(study.clock)).collect();
+        let estimate = study.bootstrap.median(&seconds);
+        self.seconds = Some(estimate);
+        let mut order: Vec<usize> = (0..seconds.len()).collect();
+        order.sort_by(|&a, &b| seconds[a].total_cmp(&seconds[b]));
+        self.typical = Some(self.runs[order[(order.len() - 1) / 2]].measurement.clone());
+        let shrink = self.width() / study.rounds.until.unwrap_or(TARGET_WIDTH);
+        self.rounds_needed = shrink.is_finite().then(|| (seconds.len() as f64 * shrink * shrink).ceil() as usize);
+        self.warn(&seconds, estimate.value);
+    }
+
+    fn warn(&mut self, seconds: &[f64], median: f64) {
+        if seconds.len() < ENOUGH_ROUNDS {
+            self.warnings.push(Warning::FewRounds { rounds: seconds.len() });
+        }
+        let mut outliers = outliers(seconds);
+        if outliers.first() == Some(&0) && seconds[0] > median {
+            outliers.remove(0);
+            self.warnings.push(Warning::SlowFirstRound { times_the_median: seconds[0] / median });
+        }
+        if !outliers.is_empty() {
+            let rounds = outliers.into_iter().map(|i| self.runs[i].round).collect();
+            self.warnings.push(Warning::Outliers { rounds });
+        }
+        let (rank_correlation, p) = trend(seconds);
+        if p < DRIFT_P {
+            self.warnings.push(Warning::Drift(Drift { rank_correlation, p }));
+        }
+        let Some(typical) = &self.typical else { return };
+        let share_of_gpu_time = typical.kernels.iter().map(|k| k.gpu_seconds).sum::<f64>() / typical.gpu_seconds;
+        if (share_of_gpu_time - 1.0).abs() > KERNEL_SUM_TOLERANCE {
+            self.warnings.push(Warning::KernelSum { share_of_gpu_time });
+        }
+        if typical.nonfinite_samples > 0 {
+            self.warnings.push(Warning::NonfiniteSamples { samples: typical.nonfinite_samples });
+        }
+    }
+
+    /// Width of its wider interval as a share of the value; infinite where there is none.
+    fn width(&self) -> f64 {
+        let width = |estimate: &Estimate| (estimate.high - estimate.low) / estimate.value;
+        let ratio = self.ratio.as_ref().map_or(0.0, |ratio| width(&ratio.estimate));
+        self.seconds.as_ref().map_or(f64::INFINITY, |seconds| width(seconds).max(ratio))
+    }
+
+    /// Samples in a second of the median run; `None` where it does not count.
+    pub fn samples_per_second(&self) -> Option<f64> {
+        Some(self.typical.as_ref()?.samples as f64 / self.seconds?.value)
+    }
+
+    /// Rays of all classes in a second of the median run; `None` where it does not count.
+    pub fn rays_per_second(&self) -> Option<f64> {
+        Some(self.typical.as_ref()?.rays.total() as f64 / self.seconds?.value)
+    }
+
+    /// Path state that the kernels read and wrote in a second of the device's time.
+    pub fn path_state_bytes_per_second(&self) -> Option<f64> {
+        let typical = self.typical.as_ref().filter(|typical| typical.gpu_seconds > 0.0)?;
+        Some(typical.path_state_bytes as f64 / typical.gpu_seconds)
+    }
+}
+
+impl Run {
+    /// Its time on that clock.
+    pub fn seconds(&self, clock: Clock) -> f64 {
+        match clock {
+            Clock::Wall => self.measurement.wall_seconds,
+            Clock::Gpu => self.measurement.gpu_seconds,
+        }
+    }
+}
+
+impl Ratio {
+    /// The ratio of the runs' times to the baseline's; `None` where either has none.
+    pub fn of(runs: &[Run], baseline: &[Run], clock: Clock, bootstrap: &Bootstrap) -> Option<Self> {
+        let seconds = |runs: &[Run]| runs.iter().map(|run| run.seconds(clock)).collect::<Vec<f64>>();
+        let pair = |run: &Run| {
+            let base = baseline.iter().find(|base| base.round == run.round)?;
+            Some(run.seconds(clock) / base.seconds(clock))
+        };
+        let pairs: Vec<f64> = runs.iter().filter_map(pair).collect();
+        if pairs.is_empty() {
+            return None;
+        }
+        let candidates = [
+            (bootstrap.ratio_of_medians(&seconds(runs), &seconds(baseline)), RatioMethod::Medians),
+            (bootstrap.median(&pairs), RatioMethod::PairedRounds),
+        ];
+        let width = |estimate: &Estimate| (estimate.high - estimate.low) / estimate.value;
+        let (estimate, method) = candidates.into_iter().min_by(|a, b| width(&a.0).total_cmp(&width(&b.0)))?;
+        Some(Self { estimate, method, within_noise: estimate.low <= 1.0 && 1.0 <= estimate.high })
+    }
+}
+
+fn factors<S: Serializer>(factors: &[(&'static str, Vec<String>)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(factors.iter().map(|(name, levels)| (name, levels)))
+}
+
+/// Runs as rows of numbers: their kernels and bounces would fill the file with what `typical` has.
+fn bare_runs<S: Serializer>(runs: &[Run], serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Row {
+        round: usize,
+        position: usize,
+        wall_seconds: f64,
+        gpu_seconds: f64,
+    }
+    serializer.collect_seq(runs.iter().map(|&Run { round, position, ref measurement }| Row {
+        round,
+        position,
+        wall_seconds: measurement.wall_seconds,
+        gpu_seconds: measurement.gpu_seconds,
+    }))
+}

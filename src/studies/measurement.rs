@@ -1,0 +1,202 @@
+//! What a study asks of a renderer, and what it gets.
+
+use std::error::Error;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::Configuration;
+use crate::film::Image;
+
+/// What a render is for. The settings of the picture are the same in all of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Purpose {
+    /// The first render of this scene and configuration: builds what it needs, reports
+    /// [`Measurement::pipelines`] and [`Measurement::start_up_seconds`], and hands over the image.
+    /// Its times are reported apart and enter no statistic.
+    First,
+    /// A render that is timed. Whatever the first one has built is kept.
+    Timed,
+    /// A render with kernels that count their work. Its times are thrown away. A renderer that
+    /// cannot count may return an empty measurement.
+    Counting,
+}
+
+/// What renders for a study: the GPU, or a fake one in tests.
+pub trait Renderer {
+    /// Makes a scene, a path or a name as the user gave it, the one that [`Renderer::run`] renders,
+    /// and forgets the one before.
+    ///
+    /// # Errors
+    /// A scene that cannot be read or does not fit. It ends the study.
+    fn open(&mut self, scene: &str) -> Result<SceneFacts, Box<dyn Error + Send + Sync>>;
+
+    /// Renders the open scene once, every sample of it.
+    ///
+    /// # Errors
+    /// A configuration that this device cannot run. The study goes on without that configuration,
+    /// unless the others are measured against it.
+    fn run(
+        &mut self,
+        configuration: &Configuration,
+        purpose: Purpose,
+    ) -> Result<Measurement, Box<dyn Error + Send + Sync>>;
+}
+
+/// What a scene is, for the record.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct SceneFacts {
+    /// Name for tables and plots.
+    pub scene: String,
+    /// BLAKE3 of the scene's files, lower-case hex.
+    pub scene_hash: String,
+    /// Image width.
+    pub width_pixels: u32,
+    /// Image height.
+    pub height_pixels: u32,
+    /// Samples of each pixel in one render.
+    pub samples_per_pixel: u32,
+    /// Triangles of the scene.
+    pub triangles: u64,
+    /// Nodes of its bounding volume hierarchy.
+    pub bvh_nodes: u64,
+}
+
+/// Where and with what a study was made, for the record.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Version of raywave.
+    pub raywave_version: String,
+    /// The command that made the study.
+    pub command_line: String,
+    /// When it began, ISO 8601 with the time zone.
+    pub date: String,
+    /// Name that the driver gives the device.
+    pub device: String,
+    /// discrete, integrated, virtual, cpu or other.
+    pub device_kind: String,
+    /// Name and version of the driver.
+    pub driver: String,
+    /// Highest Vulkan version of the device.
+    pub vulkan_version: String,
+    /// Lanes of a subgroup.
+    pub subgroup_size_lanes: u32,
+    /// Clocks and power limits, where the user told them.
+    pub clocks: Option<String>,
+    /// Settings that all configurations share, snake_case keys with the unit in the name.
+    pub settings: Map<String, Value>,
+}
+
+/// What one render cost. Numbers that a renderer does not know stay at their default.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Measurement {
+    /// From the first submission to the last result, on the host's clock.
+    pub wall_seconds: f64,
+    /// Inside command buffers, on the device's clock; 0 where the device has none.
+    pub gpu_seconds: f64,
+    /// Samples over all pixels.
+    pub samples: u64,
+    /// Samples that were NaN or infinite and were left out of the film.
+    pub nonfinite_samples: u64,
+    /// Rays traced.
+    pub rays: Rays,
+    /// Each kernel, in the order in which a bounce runs them.
+    pub kernels: Vec<KernelRow>,
+    /// Each kernel of each bounce.
+    pub bounces: Vec<BounceRow>,
+    /// Compile time of each pipeline; of the first render alone.
+    pub pipelines: Vec<PipelineBuild>,
+    /// From an open device to the end of the first sample, pipelines and upload included; of the
+    /// first render alone.
+    pub start_up_seconds: f64,
+    /// Device memory.
+    pub memory_bytes: u64,
+    /// Path state read and written by all kernels, by the sizes of the records and the items of
+    /// the queues. What a cache saves is not known.
+    pub path_state_bytes: u64,
+    /// Work of traversal; of the counting render alone.
+    pub counters: Option<WorkCounters>,
+    /// The image. The first render must have it; where another render has one, it is checked too.
+    #[serde(skip)]
+    pub image: Option<Image>,
+}
+
+/// Rays traced, by class.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rays {
+    /// Rays from the camera.
+    pub camera: u64,
+    /// Rays from a scattering.
+    pub bounce: u64,
+    /// Rays to a light.
+    pub shadow: u64,
+}
+
+impl Rays {
+    /// Rays of all classes.
+    pub fn total(&self) -> u64 {
+        self.camera + self.bounce + self.shadow
+    }
+}
+
+/// What a kernel cost over a render.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct KernelRow {
+    /// Its name, as in `shaders/`.
+    pub kernel: String,
+    /// Time between its timestamps.
+    pub gpu_seconds: f64,
+    /// Dispatches.
+    pub launches: u64,
+}
+
+/// What a kernel cost at one bounce, over all batches of a render.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct BounceRow {
+    /// 0 for the camera's rays.
+    pub bounce: u32,
+    /// The kernel's name.
+    pub kernel: String,
+    /// Time between its timestamps.
+    pub gpu_seconds: f64,
+    /// Items in the queue that it worked through.
+    pub items: u64,
+    /// Mean share of a subgroup's lanes that had an item, in [0, 1], where it was counted.
+    pub active_lane_share: Option<f64>,
+}
+
+/// How long a pipeline took to build.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct PipelineBuild {
+    /// The kernel's name.
+    pub kernel: String,
+    /// With empty caches; `None` where that was not tried.
+    pub cold_seconds: Option<f64>,
+    /// From the pipeline cache; `None` where that was not tried.
+    pub cached_seconds: Option<f64>,
+}
+
+/// Work of traversal, summed over all rays of a render.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct WorkCounters {
+    /// Rays that were counted.
+    pub rays: u64,
+    /// Nodes that they visited.
+    pub nodes_visited: u64,
+    /// Triangles that they were tested against.
+    pub triangles_tested: u64,
+    /// Mean share of a subgroup's lanes at work, in [0, 1], where the device can tell.
+    pub active_lane_share: Option<f64>,
+}
+
+impl WorkCounters {
+    /// Nodes visited per ray; NaN without rays.
+    pub fn nodes_per_ray(&self) -> f64 {
+        self.nodes_visited as f64 / self.rays as f64
+    }
+
+    /// Triangles tested per ray; NaN without rays.
+    pub fn triangles_per_ray(&self) -> f64 {
+        self.triangles_tested as f64 / self.rays as f64
+    }
+}

@@ -1,0 +1,26 @@
+//! Studies: which setting is faster, by how much, and how sure that is.
+//!
+//! This room owns the design of an experiment ([`Design`]), its conduct ([`Study::run`]) and its
+//! analysis ([`Report`]). It measures whatever stands behind the [`Renderer`] trait and knows
+//! nothing of the GPU, so that all of it is tested without one. It never prints and writes no
+//! file: a caller follows it through [`Event`]s.
+
+mod analysis;
+mod crossover;
+mod error;
+mod factorial;
+mod measurement;
+mod noise;
+mod runner;
+mod validity;
+
+pub use analysis::{Clock, CombinationReport, Drift, Ratio, RatioMethod, Report, Run, SceneReport, Warning};
+pub use crossover::{Crossing, CrossingDirection, Crossover, CrossoverPoint, find_crossings};
+pub use error::StudyError;
+pub use factorial::{Configuration, Design, FACTORS, Factor, FactorKind, Levels, Role, parse_count};
+pub use measurement::{
+    BounceRow, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts, WorkCounters,
+};
+pub use noise::{modified_z_scores, outliers, rank_correlation, trend};
+pub use runner::{Event, Listener, Rounds, Study};
+pub use validity::{Contract, Verdict, judge};
