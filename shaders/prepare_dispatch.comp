@@ -1,5 +1,5 @@
 // Turns what was appended into what is read next, and writes the indirect dispatch arguments.
-// Threads: one. Reads and writes: control.
+// Threads: one. Reads and writes: control, ray counts.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "constants.glsl"
@@ -11,6 +11,8 @@ layout(local_size_x = 1) in;
 
 uint groups(uint count) { return (count + WORKGROUP_SIZE - 1u) / WORKGROUP_SIZE; }
 
+#define count(TOTAL, MORE) { uint carry; TOTAL[0] = uaddCarry(TOTAL[0], MORE, carry); TOTAL[1] += carry; }
+
 void main() {
     uint rays = control.next_rays;
     uint shadow_rays = control.next_shadow_rays;
@@ -21,12 +23,7 @@ void main() {
     control.ray_groups[0] = groups(rays);
     control.shadow_groups[0] = groups(shadow_rays);
 
-    // The first call of a batch finds its camera rays.
-    uint carry;
-    if (batch.bounce > 0u) {
-        control.bounce_rays[0] = uaddCarry(control.bounce_rays[0], rays, carry);
-        control.bounce_rays[1] += carry;
-    }
-    control.shadow_rays[0] = uaddCarry(control.shadow_rays[0], shadow_rays, carry);
-    control.shadow_rays[1] += carry;
+    // Rays are those of this bounce, shadow rays those of the bounce that appended them.
+    count(ray_counts.bounces[min(batch.bounce, COUNTED_BOUNCES - 1u)].rays, rays)
+    count(ray_counts.bounces[min(max(batch.bounce, 1u) - 1u, COUNTED_BOUNCES - 1u)].shadow_rays, shadow_rays)
 }

@@ -23,6 +23,9 @@ shared_constants! {
     /// What an empty traversal stack yields: it looks like a leaf, so that it ends the walk over
     /// inner nodes too.
     TRAVERSAL_DONE = u32::MAX;
+    /// Bounces whose rays are counted apart; the last count takes all that follow.
+    COUNTED_BOUNCES = 64;
+
     /// Entries of the traversal stack that are kept in registers.
     STACK_REGISTERS = 8;
     /// Entries of the traversal stack that move between registers and memory at a time.

@@ -140,7 +140,7 @@ pub struct AliasCell {
     pub alias: u32,
 }
 
-/// Counts and arguments that stay on the device between kernels. 64 bytes.
+/// Counts and arguments that stay on the device between kernels. 48 bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Control {
@@ -158,22 +158,28 @@ pub struct Control {
     pub shadow_groups: [u32; 3],
     /// Samples that were NaN or infinite, and were left out of the film.
     pub nonfinite_samples: u32,
-    /// Rays after the first bounce, traced so far: low and high half.
-    pub bounce_rays: [u32; 2],
-    /// Shadow rays traced so far: low and high half.
-    pub shadow_rays: [u32; 2],
     /// 1 if the driver left a loop before its end.
     pub cut_loops: u32,
 }
 
-impl Control {
-    /// Rays after the first bounce, traced so far.
-    pub fn bounce_ray_count(&self) -> u64 {
-        wide(self.bounce_rays)
+/// Rays of a bounce, traced so far: low and high halves. 16 bytes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct RayCount {
+    /// Rays that extend traced.
+    pub rays: [u32; 2],
+    /// Rays that connect traced.
+    pub shadow_rays: [u32; 2],
+}
+
+impl RayCount {
+    /// Rays to the next surface.
+    pub fn rays(&self) -> u64 {
+        wide(self.rays)
     }
 
-    /// Shadow rays traced so far.
-    pub fn shadow_ray_count(&self) -> u64 {
+    /// Rays to a light.
+    pub fn shadow_rays(&self) -> u64 {
         wide(self.shadow_rays)
     }
 }

@@ -13,7 +13,7 @@ use common::probe::{Bench, Uniform, any_scene, lanes, scene_of};
 use glam::{DVec3, Vec2, Vec3};
 use raywave::constants::{MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS, TRIANGLE_TEXELS};
 use raywave::layout::{
-    AliasCell, Batch, Control, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals, Triangle,
+    AliasCell, Batch, Control, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals, RayCount, Triangle,
 };
 use raywave::scene::{Environment, EnvironmentMap};
 use raywave::shaders::{Access, STRUCTS, StructLayout};
@@ -69,11 +69,11 @@ fn blocks() -> BTreeMap<&'static str, (usize, Vec<Field>)> {
                     ray_groups,
                     shadow_groups,
                     nonfinite_samples,
-                    bounce_rays,
-                    shadow_rays,
+                    cut_loops,
                 }),
             ),
         ),
+        ("RayCount", (size_of::<RayCount>(), fields_of!(RayCount { rays, shadow_rays }))),
         (
             "FilmPixel",
             (size_of::<FilmPixel>(), fields_of!(FilmPixel { sum, sum_compensation, squares, squares_compensation })),
@@ -121,7 +121,7 @@ fn arrays_step_by_the_size_of_their_elements() {
         for member in layout.members.iter().filter(|member| member.array_stride > 0) {
             let expected = match (layout.name, member.name) {
                 ("Film", _) => 64,
-                ("RayQueue", _) | ("Control", _) => 4,
+                ("RayQueue" | "Control" | "RayCount", _) => 4,
                 ("Buffer_texture_coordinates" | "Buffer_textures" | "Buffer_environment_aliases", _) => 8,
                 _ => 16,
             };

@@ -9,7 +9,7 @@
 #define CONTROL_ACCESS readonly
 #endif
 
-// Counts of the queues, arguments of the indirect dispatches, totals over the render.
+// Counts of the queues, and arguments of the indirect dispatches.
 layout(set = 1, binding = 0, std430) CONTROL_ACCESS buffer Control {
     uint current_rays;          // what extend and shade read
     uint next_rays;             // what generate and shade append to
@@ -18,10 +18,14 @@ layout(set = 1, binding = 0, std430) CONTROL_ACCESS buffer Control {
     uint ray_groups[3];         // workgroups of extend and shade
     uint shadow_groups[3];      // workgroups of connect
     uint nonfinite_samples;     // left out of the film
-    uint bounce_rays[2];        // traced so far: low and high half
-    uint shadow_rays[2];
     uint cut_loops;             // 1 if the driver left a loop before its end
 } control;
+
+// Rays traced so far, by bounce: low and high half.
+struct RayCount {
+    uint rays[2];
+    uint shadow_rays[2];
+};
 
 layout(set = 1, binding = 1, std430) buffer RayQueue { uint paths[]; } ray_queue;  // two halves
 layout(set = 1, binding = 2, std430) buffer RayOrigins { uvec4 words[]; } ray_origins;        // origin, triangle left
@@ -41,6 +45,7 @@ struct FilmPixel {
     vec4 squares_compensation;
 };
 layout(set = 1, binding = 10, std430) buffer Film { FilmPixel pixels[]; } film;
+layout(set = 1, binding = 12, std430) buffer RayCounts { RayCount bounces[COUNTED_BOUNCES]; } ray_counts;
 
 // The batch of samples in flight: slots run over pixels first, then over samples.
 layout(push_constant) uniform Batch {

@@ -244,9 +244,9 @@ impl Report<'_> {
         let wall = statistics.wall_time.as_secs_f64();
         let mean = outcome.film.mean_and_standard_error();
         let kernels: Map<_, _> = statistics
-            .kernels
-            .iter()
-            .map(|(name, time)| ((*name).to_owned(), json!({ "gpu_seconds": time.seconds, "launches": time.launches })))
+            .kernels()
+            .into_iter()
+            .map(|(name, time)| (name.to_owned(), json!({ "gpu_seconds": time.seconds, "launches": time.launches })))
             .collect();
         json!({
             "settings": self.settings(statistics),

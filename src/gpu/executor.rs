@@ -79,7 +79,7 @@ pub struct Executor {
     slots: Vec<Slot>,
     next_slot: usize,
     staging: Buffer,
-    times: BTreeMap<&'static str, KernelTime>,
+    times: BTreeMap<(&'static str, u32), KernelTime>,
     access: Access,
     memory_bytes: u64,
     device: Arc<Shared>,
@@ -90,8 +90,8 @@ struct Slot {
     commands: vk::CommandBuffer,
     fence: vk::Fence,
     queries: vk::QueryPool,
-    /// Kernels of the passes in flight, one per timestamp after the first.
-    pending: Option<Vec<&'static str>>,
+    /// Kernel and bounce of the passes in flight, one per timestamp after the first.
+    pending: Option<Vec<(&'static str, u32)>>,
 }
 
 impl Executor {
@@ -170,9 +170,14 @@ impl Executor {
         self.memory_bytes
     }
 
-    /// Time and launches of each kernel, of the recordings that have been waited for.
-    pub fn kernel_times(&self) -> &BTreeMap<&'static str, KernelTime> {
+    /// Time and launches of each kernel at each bounce, of the recordings that have been waited for.
+    pub fn kernel_times(&self) -> &BTreeMap<(&'static str, u32), KernelTime> {
         &self.times
+    }
+
+    /// Starts the times and launches anew.
+    pub fn forget_times(&mut self) {
+        self.times.clear();
     }
 
     /// Starts a recording. At most two are under way: a third waits for the first.
@@ -375,7 +380,7 @@ impl Executor {
             }
             let constants = bytemuck::bytes_of(batch);
             assert_eq!(constants.len() as u32, self.pipelines.push_constant_size, "{kernel} takes a batch");
-            kernels.push(*kernel);
+            kernels.push((*kernel, batch.bounce));
             // SAFETY: the pipeline belongs to the layout that is bound; indirect arguments lie in
             // `control`, which has indirect usage; the query index is within the pool.
             unsafe {
@@ -477,7 +482,8 @@ impl Executor {
     fn lost(&self, slot: usize, result: Result<(), vk::Result>, action: &'static str) -> Result<(), GpuError> {
         result.map_err(|result| match result {
             vk::Result::ERROR_DEVICE_LOST => {
-                let mut kernels = self.slots[slot].pending.clone().unwrap_or_default();
+                let passes = self.slots[slot].pending.iter().flatten();
+                let mut kernels: Vec<_> = passes.map(|(kernel, _)| *kernel).collect();
                 kernels.dedup();
                 GpuError::DeviceLost { pass: kernels.join(", ") }
             }

@@ -137,7 +137,18 @@ mod tests {
 
     fn settings(width: u32, height: u32, samples: u32, in_flight: Option<u32>) -> Settings {
         let integrator = Integrator::Explicit;
-        Settings { width, height, samples, integrator, max_bounces: Some(4), roulette: 0.0, seed: 0, scheduler: Scheduler::Wavefront, in_flight, workgroup_size: None }
+        Settings {
+            width,
+            height,
+            samples,
+            integrator,
+            max_bounces: Some(4),
+            roulette: 0.0,
+            seed: 0,
+            scheduler: Scheduler::Wavefront,
+            in_flight,
+            workgroup_size: None,
+        }
     }
 
     proptest! {

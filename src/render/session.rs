@@ -11,9 +11,10 @@ use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
 use super::prepare::{PrepareError, PreparedScene};
 use super::settings::{Scheduler, Settings};
 use super::{megakernel, wavefront};
+use crate::constants::COUNTED_BOUNCES;
 use crate::film::FilmMoments;
 use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDescription, GpuError, KernelTime};
-use crate::layout::{Control, FilmPixel, Frame};
+use crate::layout::{Control, FilmPixel, Frame, RayCount};
 use crate::recording::Recording;
 use crate::scene::Scene;
 use crate::shaders::{self, Access};
@@ -28,7 +29,9 @@ pub enum RenderError {
     Prepare(#[from] PrepareError),
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    #[error("the driver leaves a kernel's loops before their end, so the image would be wrong; use --scheduler wavefront, or fewer bounces")]
+    #[error(
+        "the driver leaves a kernel's loops before their end, so the image would be wrong; use --scheduler wavefront, or fewer bounces"
+    )]
     CutLoops,
 }
 
@@ -71,8 +74,11 @@ pub struct Statistics {
     pub nonfinite_samples: u32,
     /// From the first batch to the last.
     pub wall_time: Duration,
-    /// Time and launches by kernel.
-    pub kernels: BTreeMap<&'static str, KernelTime>,
+    /// Time and launches by kernel and bounce.
+    pub passes: BTreeMap<(&'static str, u32), KernelTime>,
+    /// Rays by bounce; the last entry takes all that follow. The megakernel counts all of its rays
+    /// after the camera's as bounce 1, and all shadow rays as bounce 0.
+    pub ray_counts: Vec<RayCount>,
     /// Bytes of device memory.
     pub memory_bytes: u64,
     /// Path slots.
@@ -91,7 +97,18 @@ impl Statistics {
 
     /// Sum of the kernels' times.
     pub fn gpu_seconds(&self) -> f64 {
-        self.kernels.values().map(|kernel| kernel.seconds).sum()
+        self.passes.values().map(|time| time.seconds).sum()
+    }
+
+    /// Time and launches by kernel.
+    pub fn kernels(&self) -> BTreeMap<&'static str, KernelTime> {
+        let mut kernels: BTreeMap<_, KernelTime> = BTreeMap::new();
+        for ((kernel, _), time) in &self.passes {
+            let total = kernels.entry(*kernel).or_default();
+            total.seconds += time.seconds;
+            total.launches += time.launches;
+        }
+        kernels
     }
 }
 
@@ -189,8 +206,8 @@ impl Session {
             self.render_batch(range)?;
             samples_done += u64::from(range.pixel_count) * u64::from(range.sample_count);
             if counted.elapsed() > COUNT_INTERVAL {
-                let control = self.control()?;
-                let scattered = control.bounce_ray_count() + control.shadow_ray_count();
+                let (bounce_rays, shadow_rays) = scattered_rays(&self.ray_counts()?);
+                let scattered = bounce_rays + shadow_rays;
                 rays_per_sample = 1.0 + scattered as f64 / samples_done as f64;
                 counted = Instant::now();
             }
@@ -207,6 +224,9 @@ impl Session {
     fn clear(&mut self) -> Result<(), GpuError> {
         let film = vec![0; self.plan.pixels as usize * size_of::<FilmPixel>()];
         self.executor.write("film", &film)?;
+        let counts = vec![0; COUNTED_BOUNCES as usize * size_of::<RayCount>()];
+        self.executor.write("ray_counts", &counts)?;
+        self.executor.forget_times();
         let mut control: Control = bytemuck::Zeroable::zeroed();
         (control.ray_groups, control.shadow_groups) = ([0, 1, 1], [0, 1, 1]);
         self.executor.write("control", bytemuck::bytes_of(&control))
@@ -250,20 +270,27 @@ impl Session {
         Ok(bytemuck::pod_read_unaligned(&self.executor.read("control")?))
     }
 
+    fn ray_counts(&mut self) -> Result<Vec<RayCount>, GpuError> {
+        Ok(bytemuck::pod_collect_to_vec(&self.executor.read("ray_counts")?))
+    }
+
     fn outcome(&mut self, samples: u32, sample_count: u64, wall_time: Duration) -> Result<Outcome, RenderError> {
         let control = self.control()?;
         if control.cut_loops != 0 {
             return Err(RenderError::CutLoops);
         }
+        let ray_counts = self.ray_counts()?;
+        let (bounce_rays, shadow_rays) = scattered_rays(&ray_counts);
         let statistics = Statistics {
             samples,
             sample_count,
             camera_rays: sample_count,
-            bounce_rays: control.bounce_ray_count(),
-            shadow_rays: control.shadow_ray_count(),
+            bounce_rays,
+            shadow_rays,
             nonfinite_samples: control.nonfinite_samples,
             wall_time,
-            kernels: self.executor.kernel_times().clone(),
+            passes: self.executor.kernel_times().clone(),
+            ray_counts,
             memory_bytes: self.executor.memory_bytes(),
             paths_in_flight: self.plan.path_capacity,
             workgroup_size: self.plan.workgroup_size,
@@ -282,6 +309,11 @@ impl Session {
         };
         Ok(Outcome { film, statistics })
     }
+}
+
+/// Rays after the camera's, and shadow rays, over all bounces.
+fn scattered_rays(counts: &[RayCount]) -> (u64, u64) {
+    (counts.iter().skip(1).map(RayCount::rays).sum(), counts.iter().map(RayCount::shadow_rays).sum())
 }
 
 /// Buffers that the scene fills. A buffer that the scene does not need is one zero record: the
@@ -327,6 +359,7 @@ fn path_buffers<'a>(plan: &Plan, stack_bytes: u64) -> impl Iterator<Item = Buffe
         state("shadow_directions", 16 * slots),
         state("shadow_radiances", 16 * slots),
         state("stack_blocks", stack_bytes.max(16)),
+        state("ray_counts", u64::from(COUNTED_BOUNCES) * size_of::<RayCount>() as u64),
         state("film", u64::from(plan.pixels) * size_of::<FilmPixel>() as u64),
     ]
     .into_iter()

@@ -32,4 +32,3 @@ pub fn advance(recording: &mut Recording, range: SampleRange, bounces: Range<u32
 pub fn end(recording: &mut Recording, plan: &Plan, range: SampleRange) {
     recording.dispatch("resolve", plan.groups(range.pixel_count), range.at_bounce(0));
 }
-
