@@ -30,7 +30,7 @@ impl Folder {
         let folder = Self(tempfile::tempdir().expect("a temporary folder"));
         folder.write("lamp.mtl", LAMP_MTL);
         for (name, width) in [("small.png", 2), ("small.exr", 2), ("wide.png", 3), ("wide.exr", 3)] {
-            folder.write(name, &image(name, width));
+            folder.write(name, image(name, width));
         }
         folder
     }
