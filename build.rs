@@ -20,12 +20,7 @@ mod constants;
 
 /// What differs between the builds of a kernel: it cannot be a specialization constant because
 /// it changes a descriptor's type or a required capability.
-const VARIANTS: [&[&str]; 4] = [
-    &[],
-    &["TEXEL_FETCH"],
-    &["SUBGROUP_BALLOT"],
-    &["TEXEL_FETCH", "SUBGROUP_BALLOT"],
-];
+const VARIANTS: [&[&str]; 4] = [&[], &["TEXEL_FETCH"], &["SUBGROUP_BALLOT"], &["TEXEL_FETCH", "SUBGROUP_BALLOT"]];
 
 /// Where the kernels' own functions lie, and then what probes share.
 const INCLUDES: [&str; 2] = ["shaders/include", PROBES];
@@ -144,15 +139,31 @@ fn forbid_contraction(module: &mut Module) {
     let arithmetic = |op| {
         matches!(
             op,
-            Op::FAdd | Op::FSub | Op::FMul | Op::FDiv | Op::FNegate | Op::Dot | Op::VectorTimesScalar
-                | Op::MatrixTimesVector | Op::VectorTimesMatrix | Op::MatrixTimesScalar | Op::MatrixTimesMatrix
+            Op::FAdd
+                | Op::FSub
+                | Op::FMul
+                | Op::FDiv
+                | Op::FNegate
+                | Op::Dot
+                | Op::VectorTimesScalar
+                | Op::MatrixTimesVector
+                | Op::VectorTimesMatrix
+                | Op::MatrixTimesScalar
+                | Op::MatrixTimesMatrix
         )
     };
     let mut decorations: Vec<Instruction> = module
         .all_inst_iter()
         .filter(|instruction| arithmetic(instruction.class.opcode))
         .filter_map(|instruction| instruction.result_id)
-        .map(|id| Instruction::new(Op::Decorate, None, None, vec![Operand::IdRef(id), Operand::Decoration(Decoration::NoContraction)]))
+        .map(|id| {
+            Instruction::new(
+                Op::Decorate,
+                None,
+                None,
+                vec![Operand::IdRef(id), Operand::Decoration(Decoration::NoContraction)],
+            )
+        })
         .collect();
     let already: Vec<Instruction> = module.annotations.clone();
     decorations.retain(|decoration| !already.contains(decoration));
@@ -179,7 +190,11 @@ impl Reflection {
             if class == StorageClass::PushConstant {
                 push_constant_size = struct_size(module, pointee);
             }
-            let (Some(set), Some(binding)) = (decoration(module, id, Decoration::DescriptorSet), decoration(module, id, Decoration::Binding)) else { continue };
+            let (Some(set), Some(binding)) =
+                (decoration(module, id, Decoration::DescriptorSet), decoration(module, id, Decoration::Binding))
+            else {
+                continue;
+            };
             let kind = match (class, pointee.class.opcode) {
                 (StorageClass::Uniform, _) => "UniformBuffer",
                 (StorageClass::StorageBuffer, _) => "StorageBuffer",
@@ -194,9 +209,20 @@ impl Reflection {
             ));
         }
         bindings.sort();
-        let one_thread = !module.execution_modes.iter().any(|mode| matches!(mode.operands[1], Operand::ExecutionMode(ExecutionMode::LocalSizeId)))
-            && !module.annotations.iter().any(|i| i.operands.contains(&Operand::BuiltIn(rspirv::spirv::BuiltIn::WorkgroupSize)));
-        Self { bindings: bindings.into_iter().map(|(_, entry)| entry).collect(), push_constant_size, one_thread, structs: struct_layouts(module) }
+        let one_thread = !module
+            .execution_modes
+            .iter()
+            .any(|mode| matches!(mode.operands[1], Operand::ExecutionMode(ExecutionMode::LocalSizeId)))
+            && !module
+                .annotations
+                .iter()
+                .any(|i| i.operands.contains(&Operand::BuiltIn(rspirv::spirv::BuiltIn::WorkgroupSize)));
+        Self {
+            bindings: bindings.into_iter().map(|(_, entry)| entry).collect(),
+            push_constant_size,
+            one_thread,
+            structs: struct_layouts(module),
+        }
     }
 
     fn entry(&self, file: &Path) -> String {
@@ -235,7 +261,11 @@ fn member_name(module: &Module, id: u32, member: u32) -> String {
     module
         .debug_names
         .iter()
-        .find(|i| i.class.opcode == Op::MemberName && id_of(&i.operands[0]) == id && i.operands[1] == Operand::LiteralBit32(member))
+        .find(|i| {
+            i.class.opcode == Op::MemberName
+                && id_of(&i.operands[0]) == id
+                && i.operands[1] == Operand::LiteralBit32(member)
+        })
         .map(|i| i.operands[2].unwrap_literal_string().to_owned())
         .unwrap_or_default()
 }
@@ -244,7 +274,11 @@ fn decoration(module: &Module, id: u32, wanted: Decoration) -> Option<u32> {
     module
         .annotations
         .iter()
-        .find(|i| i.class.opcode == Op::Decorate && id_of(&i.operands[0]) == id && i.operands[1] == Operand::Decoration(wanted))
+        .find(|i| {
+            i.class.opcode == Op::Decorate
+                && id_of(&i.operands[0]) == id
+                && i.operands[1] == Operand::Decoration(wanted)
+        })
         .map(|i| match i.operands.get(2) {
             Some(Operand::LiteralBit32(value)) => *value,
             _ => 1,
@@ -300,7 +334,9 @@ fn type_size(module: &Module, id: u32) -> u32 {
         Op::TypeStruct => struct_size(module, instruction),
         Op::TypeArray => {
             let length = definition(module, id_of(&instruction.operands[1]));
-            let Operand::LiteralBit32(count) = length.operands[0] else { panic!("an array length is a 32-bit constant") };
+            let Operand::LiteralBit32(count) = length.operands[0] else {
+                panic!("an array length is a 32-bit constant")
+            };
             decoration(module, id, Decoration::ArrayStride).unwrap_or(0) * count
         }
         Op::TypeRuntimeArray => 0,
@@ -314,7 +350,10 @@ fn struct_size(module: &Module, instruction: &Instruction) -> u32 {
         .operands
         .iter()
         .enumerate()
-        .map(|(member, type_id)| member_decoration(module, id, member as u32, Decoration::Offset).unwrap_or(0) + type_size(module, id_of(type_id)))
+        .map(|(member, type_id)| {
+            member_decoration(module, id, member as u32, Decoration::Offset).unwrap_or(0)
+                + type_size(module, id_of(type_id))
+        })
         .max()
         .unwrap_or(0)
 }
@@ -338,7 +377,8 @@ fn struct_layouts(module: &Module) -> Vec<String> {
                 format!(
                     "Member {{ name: {:?}, offset: {}, size: {}, array_stride: {stride} }}",
                     member_name(module, id, member),
-                    member_decoration(module, id, member, Decoration::Offset).expect("every member of a laid-out struct has an offset"),
+                    member_decoration(module, id, member, Decoration::Offset)
+                        .expect("every member of a laid-out struct has an offset"),
                     type_size(module, type_id),
                 )
             })

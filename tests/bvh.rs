@@ -72,7 +72,9 @@ fn triangles_are_found(bvh: &Bvh, corners: &[Corners]) {
         let target = (*a + *b + *c) / 3.0;
         let normal = (*b - *a).cross(*c - *a);
         let longest = (*b - *a).length().max((*c - *a).length()).max((*c - *b).length());
-        if normal.normalize_or_zero().dot((target - eye).normalize()).abs() < 1e-2 || normal.length() < 1e-2 * longest * longest {
+        if normal.normalize_or_zero().dot((target - eye).normalize()).abs() < 1e-2
+            || normal.length() < 1e-2 * longest * longest
+        {
             continue;
         }
         let ray = Ray { origin: eye, direction: target - eye, leaves: NO_TRIANGLE };
@@ -121,13 +123,11 @@ fn triangles_without_extent_or_without_difference_make_shallow_trees() {
 
 #[test]
 fn sizes_of_every_magnitude_make_valid_trees() {
-    let nested: Vec<_> = (0..100)
-        .map(|i| [DVec3::ZERO, DVec3::X, DVec3::Y].map(|v| v * f64::from(-i).exp2()))
-        .collect();
+    let nested: Vec<_> =
+        (0..100).map(|i| [DVec3::ZERO, DVec3::X, DVec3::Y].map(|v| v * f64::from(-i).exp2())).collect();
     check(&nested);
-    let apart: Vec<_> = (0..100)
-        .map(|i| [DVec3::ZERO, DVec3::X, DVec3::Y].map(|v| (v + DVec3::Z) * f64::from(-i).exp2()))
-        .collect();
+    let apart: Vec<_> =
+        (0..100).map(|i| [DVec3::ZERO, DVec3::X, DVec3::Y].map(|v| (v + DVec3::Z) * f64::from(-i).exp2())).collect();
     check(&apart);
 }
 

@@ -11,7 +11,7 @@ use bytemuck::{Pod, Zeroable};
 use common::meshes::soup;
 use common::probe::{Bench, Uniform, any_scene, lanes, scene_of};
 use glam::{DVec3, Vec2, Vec3};
-use raywave::constants::{MATERIAL_TEXELS, NODE_TEXELS, NO_TRIANGLE, TRIANGLE_TEXELS};
+use raywave::constants::{MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS, TRIANGLE_TEXELS};
 use raywave::layout::{
     AliasCell, Batch, Control, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals, Triangle,
 };
@@ -26,17 +26,34 @@ macro_rules! fields_of {
     }};
 }
 
-/// Fields of the structs that are blocks in GLSL.
-fn blocks() -> BTreeMap<&'static str, (usize, Vec<(&'static str, usize, usize)>)> {
+/// A field's name, offset and size.
+type Field = (&'static str, usize, usize);
+
+/// Sizes and fields of the structs that are blocks in GLSL.
+fn blocks() -> BTreeMap<&'static str, (usize, Vec<Field>)> {
     BTreeMap::from([
         (
             "Frame",
             (
                 size_of::<Frame>(),
                 fields_of!(Frame {
-                    camera_eye, lens_radius, camera_right, focus_distance, camera_up, roulette, camera_forward,
-                    max_bounces, environment_radiance, seed, width, height, light_count, light_area,
-                    environment_width, environment_height, path_capacity,
+                    camera_eye,
+                    lens_radius,
+                    camera_right,
+                    focus_distance,
+                    camera_up,
+                    roulette,
+                    camera_forward,
+                    max_bounces,
+                    environment_radiance,
+                    seed,
+                    width,
+                    height,
+                    light_count,
+                    light_area,
+                    environment_width,
+                    environment_height,
+                    path_capacity,
                 }),
             ),
         ),
@@ -45,8 +62,15 @@ fn blocks() -> BTreeMap<&'static str, (usize, Vec<(&'static str, usize, usize)>)
             (
                 size_of::<Control>(),
                 fields_of!(Control {
-                    current_rays, next_rays, current_shadow_rays, next_shadow_rays, ray_groups, shadow_groups,
-                    nonfinite_samples, bounce_rays, shadow_rays,
+                    current_rays,
+                    next_rays,
+                    current_shadow_rays,
+                    next_shadow_rays,
+                    ray_groups,
+                    shadow_groups,
+                    nonfinite_samples,
+                    bounce_rays,
+                    shadow_rays,
                 }),
             ),
         ),
@@ -81,7 +105,11 @@ fn blocks_lie_in_rust_as_in_spirv() {
         assert_eq!(layouts.len(), 1, "one layout of {name} in all kernels");
         let members: Vec<_> = layouts[0].members.iter().map(|m| (m.name, m.offset as usize, m.size as usize)).collect();
         assert_eq!(fields, members, "{name}");
-        assert_eq!(fields.iter().map(|(_, offset, size)| offset + size).max(), Some(size), "{name} ends with its last field");
+        assert_eq!(
+            fields.iter().map(|(_, offset, size)| offset + size).max(),
+            Some(size),
+            "{name} ends with its last field"
+        );
     }
 }
 
@@ -199,7 +227,8 @@ fn triangles_materials_normals_and_texels_are_read_as_they_are_written() {
     scene.materials[2].map_kd = 1 + 2;
     scene.textures = vec![[1, 1], [0, 0], [1, 1], [half(colour[0]) | half(colour[1]) << 16, half(colour[2])]];
     scene.texture_coordinates = vec![Vec2::ZERO; 3 * COUNT as usize];
-    let corners = [[0.1, 0.2], [0.3, 0.4], [0.5, 0.45]].map(|[x, y]| [octahedral(x, 0.0), octahedral(0.0, y), octahedral(-x, y)]);
+    let corners =
+        [[0.1, 0.2], [0.3, 0.4], [0.5, 0.45]].map(|[x, y]| [octahedral(x, 0.0), octahedral(0.0, y), octahedral(-x, y)]);
     scene.normals = vec![
         Normals { corners: corners[0].map(|corner| corner.0), present: 1 },
         Normals { corners: corners[1].map(|corner| corner.0), present: 0 },
@@ -233,10 +262,8 @@ fn triangles_materials_normals_and_texels_are_read_as_they_are_written() {
 /// Asks the probe `light` at the first triangle: the numbers of a sample in, radiance, direction
 /// and lamp out.
 fn lights_of(bench: &Bench, numbers: &[[f32; 4]]) -> Vec<([f32; 4], [f32; 4], u32)> {
-    let queries: Vec<[u32; 12]> = numbers
-        .iter()
-        .map(|u| bytemuck::cast([[0.0, 0.25, 0.25, 0.0], [0.0, 0.0, 1.0, 0.0], *u]))
-        .collect();
+    let queries: Vec<[u32; 12]> =
+        numbers.iter().map(|u| bytemuck::cast([[0.0, 0.25, 0.25, 0.0], [0.0, 0.0, 1.0, 0.0], *u])).collect();
     let answers: Vec<[[u32; 4]; 6]> = bench.run("light", &queries);
     answers.iter().map(|a| (bytemuck::cast(a[3]), bytemuck::cast(a[2]), a[5][0])).collect()
 }
@@ -249,9 +276,8 @@ fn lamps_are_read_as_they_are_written() {
     let lamp = |triangle, threshold, alias| Light { triangle, threshold, alias, unused: 0 };
     bench.scene.lights = vec![lamp(1, 0.25, 1), lamp(3, 0.5, 2), lamp(2, 0.75, 0), lamp(0, 0.125, 1)];
     let lamps = &bench.scene.lights;
-    let numbers: Vec<[f32; 4]> = (0..8)
-        .map(|i| [(i / 2) as f32 / 4.0 + 0.1, lamps[i / 2].threshold + [-1e-3, 1e-3][i % 2], 0.5, 0.5])
-        .collect();
+    let numbers: Vec<[f32; 4]> =
+        (0..8).map(|i| [(i / 2) as f32 / 4.0 + 0.1, lamps[i / 2].threshold + [-1e-3, 1e-3][i % 2], 0.5, 0.5]).collect();
     let expected: Vec<u32> = (0..8)
         .map(|i| if i % 2 == 0 { lamps[i / 2].triangle } else { lamps[lamps[i / 2].alias as usize].triangle })
         .collect();
@@ -268,15 +294,14 @@ fn the_sky_s_probabilities_and_aliases_are_read_as_they_are_written() {
     scene.environment = three_texels();
     let mut bench = Bench::new(&common::device(), &scene);
     let probabilities = [0.5, 0.25, 0.125];
-    bench.scene.environment = probabilities.map(|probability| EnvironmentTexel { radiance: [1.0; 3], probability }).to_vec();
+    bench.scene.environment =
+        probabilities.map(|probability| EnvironmentTexel { radiance: [1.0; 3], probability }).to_vec();
     bench.scene.environment_aliases =
         [(0.25, 1), (0.5, 2), (0.75, 0)].map(|(threshold, alias)| AliasCell { threshold, alias }).to_vec();
     let cells = &bench.scene.environment_aliases;
-    let numbers: Vec<[f32; 4]> = (0..6)
-        .map(|i| [(i / 2) as f32 / 3.0 + 0.1, cells[i / 2].threshold + [-1e-3, 1e-3][i % 2], 0.5, 0.5])
-        .collect();
-    let expected: Vec<usize> =
-        (0..6).map(|i| if i % 2 == 0 { i / 2 } else { cells[i / 2].alias as usize }).collect();
+    let numbers: Vec<[f32; 4]> =
+        (0..6).map(|i| [(i / 2) as f32 / 3.0 + 0.1, cells[i / 2].threshold + [-1e-3, 1e-3][i % 2], 0.5, 0.5]).collect();
+    let expected: Vec<usize> = (0..6).map(|i| if i % 2 == 0 { i / 2 } else { cells[i / 2].alias as usize }).collect();
     for access in ACCESSES {
         bench.access = Some(access);
         for ((radiance, direction, lamp), texel) in lights_of(&bench, &numbers).into_iter().zip(&expected) {

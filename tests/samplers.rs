@@ -9,7 +9,9 @@ use std::f64::consts::{PI, TAU};
 use bytemuck::{Pod, Zeroable};
 use common::meshes::{cuboid, placed};
 use common::optics;
-use common::probe::{Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, spherical, vector};
+use common::probe::{
+    Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, spherical, vector,
+};
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use raywave::constants::{ENVIRONMENT_LAT_LONG, NO_TRIANGLE};
 use raywave::scene::{Camera, Environment, EnvironmentMap, Material, Surface};
@@ -26,6 +28,16 @@ impl Family {
     /// Do the counts follow their expectation?
     fn counts(&mut self, observed: &[f64], expected: &[f64], name: impl Into<String>) {
         self.0.push((chi_square(observed, expected).p, name.into()));
+    }
+
+    /// Do the points fill the unit square evenly, together and along either side alone?
+    fn square(&mut self, points: impl Iterator<Item = DVec2> + Clone, name: impl Into<String>) {
+        let name = name.into();
+        for (columns, rows) in [(16, 16), (64, 1), (1, 64)] {
+            let observed = square_counts(points.clone(), columns, rows);
+            let even = observed.iter().sum::<f64>() / observed.len() as f64;
+            self.counts(&observed, &vec![even; observed.len()], format!("{name} in {columns} x {rows} cells"));
+        }
     }
 
     /// Is the mean of the values as expected?
@@ -96,7 +108,8 @@ fn random_numbers_are_uniform_and_independent_of_their_neighbours() {
     };
     let mut family = Family::default();
     // What runs fastest, for a pixel, a sample, a vertex, a seed, and for pixels of a row.
-    let streams: [(&str, fn(u32) -> [u32; 4]); 6] = [
+    type Key = fn(u32) -> [u32; 4];
+    let streams: [(&str, Key); 6] = [
         ("pixels", |i| [i, 0, 0, 0]),
         ("samples", |i| [77, i, 2, 0]),
         ("blocks", |i| [77, 5, i, 0]),
@@ -153,7 +166,7 @@ struct Warped {
 
 #[test]
 fn warps_follow_their_densities() {
-    const N: usize = 1 << 15;
+    const N: usize = 1 << 17;
     let device = common::device();
     let bench = Bench::new(&device, &any_scene());
     let mut family = Family::default();
@@ -169,7 +182,6 @@ fn warps_follow_their_densities() {
                 .collect();
             let answers: Vec<Warped> = bench.run("warps", &queries);
             let axis = axis.as_dvec3();
-            let even = vec![N as f64 / 256.0; 256];
             let mut lobe = |name: &str, exponent: f32, direction: fn(&Warped) -> [f32; 4]| {
                 // (n + 1) / (2 pi) cos^n puts cos^(n + 1) and the turn evenly over the square.
                 let points = answers.iter().map(|answer| {
@@ -179,7 +191,7 @@ fn warps_follow_their_densities() {
                     assert!(cosine > -1e-7, "{name}: {v} is more than a right angle from {axis}");
                     DVec2::new(cosine.clamp(0.0, 1.0).powf(f64::from(exponent) + 1.0), turn(axis, v))
                 });
-                family.counts(&square_counts(points, 16, 16), &even, format!("{name} {exponent} about {axis}"));
+                family.square(points, format!("{name} {exponent} about {axis}"));
             };
             lobe("sample_cosine", 1.0, |answer| answer.cosine);
             lobe("sample_cosine_power", exponent, |answer| answer.cosine_power);
@@ -189,7 +201,7 @@ fn warps_follow_their_densities() {
                 assert!(p.length() < 1.0 + 1e-6);
                 DVec2::new(p.length_squared(), turn(DVec3::Z, p.extend(0.0)))
             });
-            family.counts(&square_counts(disk, 16, 16), &even, "sample_disk");
+            family.square(disk, "sample_disk");
 
             let triangle: Vec<_> = answers.iter().map(|answer| DVec2::from(answer.triangle.map(f64::from))).collect();
             assert!(triangle.iter().all(|p| p.min_element() >= 0.0 && p.element_sum() <= 1.0 + 1e-6));
@@ -249,8 +261,7 @@ fn camera_rays_fill_their_pixels_and_the_lens() {
                 let lens = DVec2::new(shift.dot(right.normalize()), shift.dot(up.normalize()));
                 on_lens.push(lens / f64::from(frame.lens_radius.max(f32::MIN_POSITIVE)));
             }
-            let even = vec![f64::from(N) / 256.0; 256];
-            family.counts(&square_counts(in_pixel.iter().copied(), 16, 16), &even, format!("jitter of {pixel}"));
+            family.square(in_pixel.iter().copied(), format!("jitter of {pixel}"));
             if aperture == 0.0 {
                 assert!(answers.iter().all(|ray| vector(ray.origin) == eye), "a pinhole is a point");
                 continue;
@@ -258,10 +269,10 @@ fn camera_rays_fill_their_pixels_and_the_lens() {
             let lens: Vec<_> =
                 on_lens.iter().map(|p| DVec2::new(p.length_squared(), turn(DVec3::Z, p.extend(0.0)))).collect();
             assert!(lens.iter().all(|p| p.x < 1.0 + 1e-4));
-            family.counts(&square_counts(lens.iter().copied(), 16, 16), &even, format!("lens of {pixel}"));
+            family.square(lens.iter().copied(), format!("lens of {pixel}"));
             for (a, b) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
                 let joint = in_pixel.iter().zip(&lens).map(|(p, q)| DVec2::new(p[a], q[b]));
-                family.counts(&square_counts(joint, 16, 16), &even, format!("jitter {a} and lens {b} of {pixel}"));
+                family.square(joint, format!("jitter {a} and lens {b} of {pixel}"));
             }
         }
     }
@@ -334,7 +345,7 @@ fn integrate_cells(normal: DVec3, rule: &[(f64, f64)], f: impl Fn(DVec3) -> DVec
 
 #[test]
 fn glossy_scattering_follows_its_density_and_its_weights_their_integral() {
-    const N: usize = 1 << 15;
+    const N: usize = 1 << 17;
     let device = common::device();
     let mut scene = any_scene();
     scene.materials = materials();
@@ -345,7 +356,9 @@ fn glossy_scattering_follows_its_density_and_its_weights_their_integral() {
     let tilted = spherical(up, 0.9, 1.0);
     let rule = gauss_legendre(16);
     for (index, material) in scene.materials.iter().enumerate() {
-        for (angle, shading, side) in [(0.0_f64, up, 1.0), (40.0, up, -1.0), (80.0, up, 1.0), (89.5, up, 1.0), (50.0, tilted, 1.0)] {
+        for (angle, shading, side) in
+            [(0.0_f64, up, 1.0), (40.0, up, -1.0), (80.0, up, 1.0), (89.5, up, 1.0), (50.0, tilted, 1.0)]
+        {
             let wo = spherical(side * up, angle.to_radians().cos(), 2.0);
             let queries: Vec<_> = (0..N)
                 .map(|_| {
@@ -399,7 +412,9 @@ fn dielectrics_choose_by_fresnel() {
         let mut scene = any_scene();
         scene.materials = vec![Material { surface: Surface::Dielectric, ni, ..grey() }];
         let bench = Bench::new(&device, &scene);
-        for (angle, side) in [(0.0_f64, 1.0), (30.0, 1.0), (75.0, 1.0), (89.0, 1.0), (20.0, -1.0), (41.0, -1.0), (60.0, -1.0)] {
+        for (angle, side) in
+            [(0.0_f64, 1.0), (30.0, 1.0), (75.0, 1.0), (89.0, 1.0), (20.0, -1.0), (41.0, -1.0), (60.0, -1.0)]
+        {
             let cosine = angle.to_radians().cos();
             let wo = spherical(side * n, cosine, 0.5);
             let queries: Vec<_> = (0..N)
@@ -652,8 +667,7 @@ fn the_sky_is_sampled_by_its_luminance() {
         let third = |x: f64| ((3.0 * x) as usize).min(2);
         observed[(row * 16 + column) * 9 + third(down) * 3 + third(x - column as f64)] += 1.0;
     }
-    let expected: Vec<_> =
-        texels.iter().flat_map(|texel| [f64::from(texel.probability) * N as f64 / 9.0; 9]).collect();
+    let expected: Vec<_> = texels.iter().flat_map(|texel| [f64::from(texel.probability) * N as f64 / 9.0; 9]).collect();
     family.counts(&observed, &expected, "directions to the sky");
 
     // Each sample is the sky's radiance over its density.
@@ -707,10 +721,14 @@ fn a_constant_sky_is_sampled_by_the_cosine_and_shares_with_lamps() {
         assert_eq!((answer.light, answer.blocked), (NO_TRIANGLE, 0));
         DVec2::new(cosine * cosine, turn(n, direction))
     });
-    family.counts(&square_counts(points, 16, 16), &vec![N as f64 / 256.0; 256], "directions to the constant sky");
+    family.square(points, "directions to the constant sky");
 
     scene.mesh.positions.extend([DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.0, 0.5, 1.0), DVec3::new(0.5, 0.0, 1.0)]);
-    scene.mesh.triangles.push(raywave::scene::Triangle { positions: [3, 4, 5], material: 1, ..scene.mesh.triangles[0] });
+    scene.mesh.triangles.push(raywave::scene::Triangle {
+        positions: [3, 4, 5],
+        material: 1,
+        ..scene.mesh.triangles[0]
+    });
     scene.materials.push(Material { ke: Vec3::ONE, ..grey() });
     let bench = Bench::new(&device, &scene);
     let (_, answers) = ask_for_light(&bench, N, &mut random);

@@ -33,13 +33,7 @@ pub struct DiffArguments {
     #[arg(long, value_name = "FILE.png")]
     pub heatmap: Option<PathBuf>,
     /// What the heatmap shows
-    #[arg(
-        long,
-        value_enum,
-        value_name = "SCALE",
-        default_value_t,
-        requires = "heatmap"
-    )]
+    #[arg(long, value_enum, value_name = "SCALE", default_value_t, requires = "heatmap")]
     pub scale: HeatmapScale,
     /// Print red, green and blue beside the whole
     #[arg(long)]
@@ -94,21 +88,10 @@ pub fn diff(arguments: &DiffArguments) -> anyhow::Result<Report> {
         Some(path) => {
             let (image, low, high) = heatmap(&a, &b, arguments.scale);
             write_image(path, &image, &WriteOptions::default())?;
-            Some(Heatmap {
-                path: path.clone(),
-                scale: arguments.scale,
-                low,
-                high,
-            })
+            Some(Heatmap { path: path.clone(), scale: arguments.scale, low, high })
         }
     };
-    Ok(Report {
-        a: arguments.a.clone(),
-        b: arguments.b.clone(),
-        comparison,
-        heatmap,
-        channels: arguments.channels,
-    })
+    Ok(Report { a: arguments.a.clone(), b: arguments.b.clone(), comparison, heatmap, channels: arguments.channels })
 }
 
 /// A comparison with the names of what was compared. It displays as aligned lines and serializes
@@ -148,27 +131,16 @@ impl fmt::Display for Report {
         let pixels = u64::from(comparison.width) * u64::from(comparison.height);
         let mut columns = vec![("all", &comparison.whole)];
         if self.channels {
-            columns.extend(
-                ["red", "green", "blue"]
-                    .into_iter()
-                    .zip(&comparison.channels),
-            );
+            columns.extend(["red", "green", "blue"].into_iter().zip(&comparison.channels));
         }
         writeln!(f, "{:<20}{}", "a", self.a.display())?;
         writeln!(f, "{:<20}{}", "b", self.b.display())?;
         let (width, height) = (comparison.width, comparison.height);
         writeln!(f, "{:<20}{width} x {height}", "size")?;
-        writeln!(
-            f,
-            "{:<20}{} of {pixels}",
-            "compared_pixels", comparison.compared_pixels
-        )?;
+        writeln!(f, "{:<20}{} of {pixels}", "compared_pixels", comparison.compared_pixels)?;
         let differing = 100.0 * comparison.share_of_differing_pixels;
         writeln!(f, "{:<20}{differing:.4} %", "differing_pixels")?;
-        for (name, count) in [
-            ("a", comparison.non_finite_a),
-            ("b", comparison.non_finite_b),
-        ] {
+        for (name, count) in [("a", comparison.non_finite_a), ("b", comparison.non_finite_b)] {
             let name = format!("non_finite_{name}");
             let (nan, inf) = (count.nan_count, count.inf_count);
             writeln!(f, "{name:<20}{nan} nan, {inf} inf")?;
@@ -198,11 +170,7 @@ impl fmt::Display for Report {
         if let Some(heatmap) = &self.heatmap {
             let (scale, low, high) = (heatmap.scale, heatmap.low, heatmap.high);
             let path = heatmap.path.display();
-            writeln!(
-                f,
-                "{:<20}{path}: {scale}, {low} black to {high} yellow",
-                "heatmap"
-            )?;
+            writeln!(f, "{:<20}{path}: {scale}, {low} black to {high} yellow", "heatmap")?;
         }
         Ok(())
     }
@@ -227,11 +195,7 @@ fn heatmap(a: &Image, b: &Image, scale: HeatmapScale) -> (Image, f64, f64) {
         })
     };
     let errors: Vec<Option<f64>> = a.pixels.iter().zip(&b.pixels).map(error).collect();
-    let largest = errors
-        .iter()
-        .flatten()
-        .copied()
-        .fold(f64::NEG_INFINITY, f64::max);
+    let largest = errors.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
     let (low, high) = match scale {
         // Whole decades, so that the colours of two heatmaps can be compared. Equal images have
         // no largest decade; 0 stands in.
@@ -265,12 +229,6 @@ fn inferno(t: f64) -> Vec3 {
         DVec3::new(25.131_126, -12.242_669, -23.070_325),
     ];
     let t = t.clamp(0.0, 1.0);
-    let signal = COEFFICIENTS
-        .into_iter()
-        .rev()
-        .fold(DVec3::ZERO, |sum, coefficient| sum * t + coefficient);
-    signal
-        .clamp(DVec3::ZERO, DVec3::ONE)
-        .map(srgb::decode)
-        .as_vec3()
+    let signal = COEFFICIENTS.into_iter().rev().fold(DVec3::ZERO, |sum, coefficient| sum * t + coefficient);
+    signal.clamp(DVec3::ZERO, DVec3::ONE).map(srgb::decode).as_vec3()
 }

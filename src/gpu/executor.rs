@@ -380,13 +380,7 @@ impl Executor {
             // `control`, which has indirect usage; the query index is within the pool.
             unsafe {
                 device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline);
-                device.cmd_push_constants(
-                    commands,
-                    self.pipelines.layout,
-                    vk::ShaderStageFlags::COMPUTE,
-                    0,
-                    constants,
-                );
+                device.cmd_push_constants(commands, self.pipelines.layout, vk::ShaderStageFlags::COMPUTE, 0, constants);
                 match pass {
                     Pass::Dispatch { groups, .. } => device.cmd_dispatch(commands, *groups, 1, 1),
                     Pass::DispatchIndirect { arguments, .. } => {

@@ -22,7 +22,9 @@ pub struct DeviceLimits {
 #[derive(Debug, Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum PlanError {
-    #[error("an image of {width}x{height} pixels needs a film of {needed} bytes and the device allows {allowed} in one buffer; use a smaller --width or --height")]
+    #[error(
+        "an image of {width}x{height} pixels needs a film of {needed} bytes and the device allows {allowed} in one buffer; use a smaller --width or --height"
+    )]
     FilmTooLarge { width: u32, height: u32, needed: u64, allowed: u64 },
 }
 
@@ -79,11 +81,8 @@ impl Plan {
         }
         let pixels = pixels as u32;
         let workgroup_size = device.max_workgroup_size.min(256);
-        let wanted = settings.in_flight.unwrap_or(if device.software {
-            Self::SOFTWARE_PATHS
-        } else {
-            Self::HARDWARE_PATHS
-        });
+        let wanted =
+            settings.in_flight.unwrap_or(if device.software { Self::SOFTWARE_PATHS } else { Self::HARDWARE_PATHS });
         let by_dispatch = u64::from(device.max_workgroups) * u64::from(workgroup_size);
         let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES;
         let useful = u64::from(pixels) * u64::from(settings.samples.min(Self::SAMPLES_AT_ONCE));
@@ -120,8 +119,12 @@ mod tests {
     use crate::scene::Integrator;
     use proptest::prelude::*;
 
-    const DEVICE: DeviceLimits =
-        DeviceLimits { max_workgroup_size: 1024, max_workgroups: 65_535, max_storage_buffer_bytes: 1 << 27, software: true };
+    const DEVICE: DeviceLimits = DeviceLimits {
+        max_workgroup_size: 1024,
+        max_workgroups: 65_535,
+        max_storage_buffer_bytes: 1 << 27,
+        software: true,
+    };
 
     fn settings(width: u32, height: u32, samples: u32, in_flight: Option<u32>) -> Settings {
         let integrator = Integrator::Explicit;

@@ -140,7 +140,9 @@ impl Session {
             ExecutorDescription {
                 kernels: &wavefront::KERNELS.map(shaders::kernel),
                 specialization: &scene.specialization(settings, plan.workgroup_size),
-                buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan, scene.stack_bytes(plan.path_capacity))).collect(),
+                buffers: scene_buffers(scene, &frame)
+                    .chain(path_buffers(&plan, scene.stack_bytes(plan.path_capacity)))
+                    .collect(),
                 access,
             },
         )?;
@@ -264,7 +266,8 @@ impl Session {
 /// kernels that could read it leave that code out.
 pub fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterator<Item = BufferRole<'a>> {
     let bytes = bytemuck::cast_slice::<Frame, u8>(std::slice::from_ref(frame));
-    let uniform = BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
+    let uniform =
+        BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
     let data = |name, texel_bytes, contents: &'a [u8]| BufferRole {
         name,
         usage: BufferUse::Scene { texel_bytes },
