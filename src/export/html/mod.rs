@@ -531,7 +531,8 @@ fn provenance(document: &Document<'_>) -> String {
     let method = format!(
         "First renders of every combination, unmeasured; then {} to {} rounds{until}. Each round renders every \
          combination once, in a random order (seed {}). Intervals by percentile bootstrap of {} resamples. A ratio is \
-         that of the medians or the median of each round's ratio, whichever has the narrower interval.",
+         the median of each round's ratio where the two times rise and fall together from round to round (rank \
+         correlation above 0.5), else the ratio of the medians.",
         report.rounds.min,
         report.rounds.max,
         report.seed,
