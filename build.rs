@@ -1,9 +1,11 @@
-//! Compiles every kernel of `shaders/` to SPIR-V and writes the kernel table.
+//! Compiles every kernel of `shaders/` to SPIR-V and writes the kernel table; and the probes of
+//! `tests/shaders/`, kernels that let the tests call single functions, into a table of their own.
 //!
-//! Each `shaders/NAME.comp` is compiled once for every [`VARIANTS`] entry. From the SPIR-V itself
+//! Each `NAME.comp` is compiled once for every [`VARIANTS`] entry. From the SPIR-V itself
 //! come the bindings, their access, the push-constant size and the block layouts that the tests
 //! compare with the Rust structs. Every shader error is reported before the build fails.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs, process};
@@ -18,73 +20,86 @@ mod constants;
 
 /// What differs between the builds of a kernel: it cannot be a specialization constant because
 /// it changes a descriptor's type or a required capability.
-const VARIANTS: [&[&str]; 4] = [
-    &[],
-    &["TEXEL_FETCH"],
-    &["SUBGROUP_BALLOT"],
-    &["TEXEL_FETCH", "SUBGROUP_BALLOT"],
-];
+const VARIANTS: [&[&str]; 4] = [&[], &["TEXEL_FETCH"], &["SUBGROUP_BALLOT"], &["TEXEL_FETCH", "SUBGROUP_BALLOT"]];
+
+/// Where the kernels' own functions lie, and then what probes share.
+const INCLUDES: [&str; 2] = ["shaders/include", PROBES];
+
+/// The probes' folder. A packaged source need not have it.
+const PROBES: &str = "tests/shaders";
 
 fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    let shaders = Path::new("shaders");
-    println!("cargo::rerun-if-changed=shaders");
-    println!("cargo::rerun-if-changed=src/constants.rs");
-
+    for source in ["shaders", PROBES, "src/constants.rs"] {
+        println!("cargo::rerun-if-changed={source}");
+    }
     let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
-    let mut names: Vec<String> = fs::read_dir(shaders)
-        .expect("the folder shaders can be read")
-        .filter_map(|entry| {
-            let path = entry.expect("the folder shaders can be read").path();
-            (path.extension()? == "comp").then(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned())
-        })
-        .collect();
-    names.sort();
+    let kernels = Table::of(&compiler, "shaders", &out);
+    let probes = Table::of(&compiler, PROBES, &out);
 
-    let mut table = String::new();
-    let mut structs: Vec<(String, String)> = Vec::new();
-    let mut errors = Vec::new();
-    writeln!(table, "/// Every kernel, sorted by name.\npub static KERNELS: &[Kernel] = &[").expect("strings grow");
-    for name in &names {
-        let source = fs::read_to_string(shaders.join(format!("{name}.comp"))).expect("a listed shader can be read");
-        writeln!(table, "    Kernel {{ name: {name:?}, variants: [").expect("strings grow");
-        for (index, macros) in VARIANTS.iter().enumerate() {
-            match compile(&compiler, shaders, name, &source, macros) {
-                Ok(module) => {
-                    let file = out.join(format!("{name}.{index}.spv"));
-                    let words = module.assemble();
-                    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_ne_bytes()).collect();
-                    fs::write(&file, bytes).expect("OUT_DIR can be written");
-                    let reflection = Reflection::of(&module);
-                    writeln!(table, "{}", reflection.entry(&file)).expect("strings grow");
-                    structs.extend(reflection.structs);
-                }
-                // The variants fail alike: one report a kernel is enough.
-                Err(_) if index > 0 => {}
-                Err(error) => errors.push(error),
-            }
-        }
-        writeln!(table, "    ] }},").expect("strings grow");
-    }
-    writeln!(table, "];").expect("strings grow");
-
-    structs.sort();
-    structs.dedup();
-    writeln!(table, "/// Every block and struct with a memory layout that some kernel declares.\npub static STRUCTS: &[StructLayout] = &[").expect("strings grow");
-    for (_, entry) in &structs {
-        writeln!(table, "    {entry},").expect("strings grow");
-    }
-    writeln!(table, "];").expect("strings grow");
-
+    let errors: Vec<_> = [&kernels, &probes].into_iter().flat_map(|table| &table.errors).cloned().collect();
     if !errors.is_empty() {
         eprintln!("{}", errors.join("\n"));
         process::exit(1);
     }
-    fs::write(out.join("kernels.rs"), table).expect("OUT_DIR can be written");
+    let structs = kernels.structs.iter().fold(String::new(), |list, entry| list + "    " + entry + ",\n");
+    let text = format!(
+        "/// Every kernel, sorted by name.\npub static KERNELS: &[Kernel] = &[\n{}];\n\
+         /// Every block and struct with a memory layout that some kernel declares.\npub static STRUCTS: &[StructLayout] = &[\n{structs}];\n",
+        kernels.entries
+    );
+    fs::write(out.join("kernels.rs"), text).expect("OUT_DIR can be written");
+    let text = format!("/// Every probe, sorted by name.\npub static PROBES: &[Kernel] = &[\n{}];\n", probes.entries);
+    fs::write(out.join("probes.rs"), text).expect("OUT_DIR can be written");
+}
+
+/// The kernels of a folder as Rust text.
+#[derive(Default)]
+struct Table {
+    /// An initialiser for each kernel, sorted by name.
+    entries: String,
+    /// One for each layout that they declare, sorted by name.
+    structs: BTreeSet<String>,
+    errors: Vec<String>,
+}
+
+impl Table {
+    fn of(compiler: &shaderc::Compiler, folder: &str, out: &Path) -> Self {
+        let mut paths: Vec<PathBuf> = fs::read_dir(folder)
+            .map(|entries| entries.map(|entry| entry.expect("a shader folder can be read").path()).collect())
+            .unwrap_or_default();
+        paths.retain(|path| path.extension().is_some_and(|extension| extension == "comp"));
+        paths.sort();
+
+        let mut table = Self::default();
+        for path in &paths {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy();
+            let source = fs::read_to_string(path).expect("a listed shader can be read");
+            writeln!(table.entries, "    Kernel {{ name: {name:?}, variants: [").expect("strings grow");
+            for (index, macros) in VARIANTS.iter().enumerate() {
+                match compile(compiler, path, &source, macros) {
+                    Ok(module) => {
+                        let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
+                        let bytes: Vec<u8> = module.assemble().iter().flat_map(|word| word.to_ne_bytes()).collect();
+                        fs::write(&file, bytes).expect("OUT_DIR can be written");
+                        let reflection = Reflection::of(&module);
+                        writeln!(table.entries, "{}", reflection.entry(&file)).expect("strings grow");
+                        table.structs.extend(reflection.structs);
+                    }
+                    // The variants fail alike: one report a kernel is enough.
+                    Err(_) if index > 0 => {}
+                    Err(error) => table.errors.push(error),
+                }
+            }
+            writeln!(table.entries, "    ] }},").expect("strings grow");
+        }
+        table
+    }
 }
 
 /// Compiles one variant of a kernel and forbids the driver to contract its arithmetic.
-fn compile(compiler: &shaderc::Compiler, shaders: &Path, name: &str, source: &str, macros: &[&str]) -> Result<Module, String> {
+fn compile(compiler: &shaderc::Compiler, path: &Path, source: &str, macros: &[&str]) -> Result<Module, String> {
+    let path = path.to_string_lossy();
     let mut options = shaderc::CompileOptions::new().expect("shaderc options start");
     options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
     options.set_optimization_level(shaderc::OptimizationLevel::Performance);
@@ -95,17 +110,18 @@ fn compile(compiler: &shaderc::Compiler, shaders: &Path, name: &str, source: &st
         options.add_macro_definition(name, Some("1"));
     }
     options.set_include_callback(|requested, _, _, _| {
-        let content = if requested == "constants.glsl" {
-            glsl_constants()
-        } else {
-            fs::read_to_string(shaders.join("include").join(requested)).map_err(|error| format!("{requested}: {error}"))?
-        };
-        Ok(shaderc::ResolvedInclude { resolved_name: format!("shaders/include/{requested}"), content })
+        if requested == "constants.glsl" {
+            return Ok(shaderc::ResolvedInclude { resolved_name: requested.to_owned(), content: glsl_constants() });
+        }
+        let found = INCLUDES.iter().map(|folder| format!("{folder}/{requested}")).find(|path| Path::new(path).exists());
+        let resolved_name = found.ok_or_else(|| format!("{requested} is in none of {INCLUDES:?}"))?;
+        let content = fs::read_to_string(&resolved_name).map_err(|error| format!("{resolved_name}: {error}"))?;
+        Ok(shaderc::ResolvedInclude { resolved_name, content })
     });
     let artifact = compiler
-        .compile_into_spirv(source, shaderc::ShaderKind::Compute, &format!("shaders/{name}.comp"), "main", Some(&options))
+        .compile_into_spirv(source, shaderc::ShaderKind::Compute, &path, "main", Some(&options))
         .map_err(|error| error.to_string())?;
-    let mut module = rspirv::dr::load_words(artifact.as_binary()).map_err(|error| format!("{name}: {error}"))?;
+    let mut module = rspirv::dr::load_words(artifact.as_binary()).map_err(|error| format!("{path}: {error}"))?;
     forbid_contraction(&mut module);
     Ok(module)
 }
@@ -123,15 +139,31 @@ fn forbid_contraction(module: &mut Module) {
     let arithmetic = |op| {
         matches!(
             op,
-            Op::FAdd | Op::FSub | Op::FMul | Op::FDiv | Op::FNegate | Op::Dot | Op::VectorTimesScalar
-                | Op::MatrixTimesVector | Op::VectorTimesMatrix | Op::MatrixTimesScalar | Op::MatrixTimesMatrix
+            Op::FAdd
+                | Op::FSub
+                | Op::FMul
+                | Op::FDiv
+                | Op::FNegate
+                | Op::Dot
+                | Op::VectorTimesScalar
+                | Op::MatrixTimesVector
+                | Op::VectorTimesMatrix
+                | Op::MatrixTimesScalar
+                | Op::MatrixTimesMatrix
         )
     };
     let mut decorations: Vec<Instruction> = module
         .all_inst_iter()
         .filter(|instruction| arithmetic(instruction.class.opcode))
         .filter_map(|instruction| instruction.result_id)
-        .map(|id| Instruction::new(Op::Decorate, None, None, vec![Operand::IdRef(id), Operand::Decoration(Decoration::NoContraction)]))
+        .map(|id| {
+            Instruction::new(
+                Op::Decorate,
+                None,
+                None,
+                vec![Operand::IdRef(id), Operand::Decoration(Decoration::NoContraction)],
+            )
+        })
         .collect();
     let already: Vec<Instruction> = module.annotations.clone();
     decorations.retain(|decoration| !already.contains(decoration));
@@ -143,7 +175,7 @@ struct Reflection {
     bindings: Vec<String>,
     push_constant_size: u32,
     one_thread: bool,
-    structs: Vec<(String, String)>,
+    structs: Vec<String>,
 }
 
 impl Reflection {
@@ -158,7 +190,11 @@ impl Reflection {
             if class == StorageClass::PushConstant {
                 push_constant_size = struct_size(module, pointee);
             }
-            let (Some(set), Some(binding)) = (decoration(module, id, Decoration::DescriptorSet), decoration(module, id, Decoration::Binding)) else { continue };
+            let (Some(set), Some(binding)) =
+                (decoration(module, id, Decoration::DescriptorSet), decoration(module, id, Decoration::Binding))
+            else {
+                continue;
+            };
             let kind = match (class, pointee.class.opcode) {
                 (StorageClass::Uniform, _) => "UniformBuffer",
                 (StorageClass::StorageBuffer, _) => "StorageBuffer",
@@ -173,9 +209,20 @@ impl Reflection {
             ));
         }
         bindings.sort();
-        let one_thread = !module.execution_modes.iter().any(|mode| matches!(mode.operands[1], Operand::ExecutionMode(ExecutionMode::LocalSizeId)))
-            && !module.annotations.iter().any(|i| i.operands.contains(&Operand::BuiltIn(rspirv::spirv::BuiltIn::WorkgroupSize)));
-        Self { bindings: bindings.into_iter().map(|(_, entry)| entry).collect(), push_constant_size, one_thread, structs: struct_layouts(module) }
+        let one_thread = !module
+            .execution_modes
+            .iter()
+            .any(|mode| matches!(mode.operands[1], Operand::ExecutionMode(ExecutionMode::LocalSizeId)))
+            && !module
+                .annotations
+                .iter()
+                .any(|i| i.operands.contains(&Operand::BuiltIn(rspirv::spirv::BuiltIn::WorkgroupSize)));
+        Self {
+            bindings: bindings.into_iter().map(|(_, entry)| entry).collect(),
+            push_constant_size,
+            one_thread,
+            structs: struct_layouts(module),
+        }
     }
 
     fn entry(&self, file: &Path) -> String {
@@ -214,7 +261,11 @@ fn member_name(module: &Module, id: u32, member: u32) -> String {
     module
         .debug_names
         .iter()
-        .find(|i| i.class.opcode == Op::MemberName && id_of(&i.operands[0]) == id && i.operands[1] == Operand::LiteralBit32(member))
+        .find(|i| {
+            i.class.opcode == Op::MemberName
+                && id_of(&i.operands[0]) == id
+                && i.operands[1] == Operand::LiteralBit32(member)
+        })
         .map(|i| i.operands[2].unwrap_literal_string().to_owned())
         .unwrap_or_default()
 }
@@ -223,7 +274,11 @@ fn decoration(module: &Module, id: u32, wanted: Decoration) -> Option<u32> {
     module
         .annotations
         .iter()
-        .find(|i| i.class.opcode == Op::Decorate && id_of(&i.operands[0]) == id && i.operands[1] == Operand::Decoration(wanted))
+        .find(|i| {
+            i.class.opcode == Op::Decorate
+                && id_of(&i.operands[0]) == id
+                && i.operands[1] == Operand::Decoration(wanted)
+        })
         .map(|i| match i.operands.get(2) {
             Some(Operand::LiteralBit32(value)) => *value,
             _ => 1,
@@ -279,7 +334,9 @@ fn type_size(module: &Module, id: u32) -> u32 {
         Op::TypeStruct => struct_size(module, instruction),
         Op::TypeArray => {
             let length = definition(module, id_of(&instruction.operands[1]));
-            let Operand::LiteralBit32(count) = length.operands[0] else { panic!("an array length is a 32-bit constant") };
+            let Operand::LiteralBit32(count) = length.operands[0] else {
+                panic!("an array length is a 32-bit constant")
+            };
             decoration(module, id, Decoration::ArrayStride).unwrap_or(0) * count
         }
         Op::TypeRuntimeArray => 0,
@@ -293,12 +350,15 @@ fn struct_size(module: &Module, instruction: &Instruction) -> u32 {
         .operands
         .iter()
         .enumerate()
-        .map(|(member, type_id)| member_decoration(module, id, member as u32, Decoration::Offset).unwrap_or(0) + type_size(module, id_of(type_id)))
+        .map(|(member, type_id)| {
+            member_decoration(module, id, member as u32, Decoration::Offset).unwrap_or(0)
+                + type_size(module, id_of(type_id))
+        })
         .max()
         .unwrap_or(0)
 }
 
-fn struct_layouts(module: &Module) -> Vec<(String, String)> {
+fn struct_layouts(module: &Module) -> Vec<String> {
     let mut layouts = Vec::new();
     for instruction in module.types_global_values.iter().filter(|i| i.class.opcode == Op::TypeStruct) {
         let id = instruction.result_id.expect("a type has an id");
@@ -317,12 +377,13 @@ fn struct_layouts(module: &Module) -> Vec<(String, String)> {
                 format!(
                     "Member {{ name: {:?}, offset: {}, size: {}, array_stride: {stride} }}",
                     member_name(module, id, member),
-                    member_decoration(module, id, member, Decoration::Offset).expect("every member of a laid-out struct has an offset"),
+                    member_decoration(module, id, member, Decoration::Offset)
+                        .expect("every member of a laid-out struct has an offset"),
                     type_size(module, type_id),
                 )
             })
             .collect();
-        layouts.push((name.clone(), format!("StructLayout {{ name: {name:?}, members: &[{}] }}", members.join(", "))));
+        layouts.push(format!("StructLayout {{ name: {name:?}, members: &[{}] }}", members.join(", ")));
     }
     layouts
 }

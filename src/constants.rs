@@ -60,11 +60,6 @@ shared_constants! {
     /// `max_bounces` of an unbounded path.
     UNBOUNDED = u32::MAX;
 
-    /// A traversal ran out of stack: its image is wrong.
-    STATUS_STACK_OVERFLOW = 1;
-    /// A queue ran out of room: its image is wrong.
-    STATUS_QUEUE_OVERFLOW = 2;
-
     /// Workgroup size of every kernel but those of one thread.
     SPEC_WORKGROUP_SIZE = 0;
     /// Entries of the traversal stack, in registers and in memory.

@@ -140,7 +140,7 @@ pub struct AliasCell {
     pub alias: u32,
 }
 
-/// Counts and arguments that stay on the device between kernels. 64 bytes.
+/// Counts and arguments that stay on the device between kernels. 60 bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Control {
@@ -154,8 +154,6 @@ pub struct Control {
     pub next_shadow_rays: u32,
     /// Indirect arguments of extend and shade.
     pub ray_groups: [u32; 3],
-    /// `STATUS_*` bits; 0 is well.
-    pub status: u32,
     /// Indirect arguments of connect.
     pub shadow_groups: [u32; 3],
     /// Samples that were NaN or infinite, and were left out of the film.

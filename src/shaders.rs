@@ -7,8 +7,24 @@
 pub struct Kernel {
     /// Name of the shader file without extension; the one name it has everywhere.
     pub name: &'static str,
-    /// Indexed by [`variant_index`].
+    /// Indexed by [`Access::variant_index`].
     pub variants: [Variant; 4],
+}
+
+/// How kernels reach memory: what their variants differ in. All variants compute the same bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Access {
+    /// Scene buffers are read by texels, not as storage buffers.
+    pub texel_fetch: bool,
+    /// Queues are appended to once a subgroup, not once an invocation.
+    pub subgroup_ballot: bool,
+}
+
+impl Access {
+    /// Index into [`Kernel::variants`]: the order of `VARIANTS` in `build.rs`.
+    pub const fn variant_index(self) -> usize {
+        self.texel_fetch as usize + 2 * self.subgroup_ballot as usize
+    }
 }
 
 /// One build of a kernel.
@@ -72,11 +88,6 @@ pub struct Member {
     pub size: u32,
     /// Bytes between array elements; 0 where the member is no array.
     pub array_stride: u32,
-}
-
-/// Index into [`Kernel::variants`]: the order of `VARIANTS` in `build.rs`.
-pub const fn variant_index(texel_fetch: bool, subgroup_ballot: bool) -> usize {
-    texel_fetch as usize + 2 * subgroup_ballot as usize
 }
 
 /// The kernel of that name.

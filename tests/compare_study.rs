@@ -41,7 +41,8 @@ fn counts_have_suffixes_of_1024() {
     for (text, count) in [("0", Some(0)), ("64", Some(64)), ("16k", Some(16_384)), ("1M", Some(1 << 20))] {
         assert_eq!(parse_count(text), count, "{text}");
     }
-    for text in ["", "k", "-1", "+1", "1.5k", "1 k", "1G", "99999999999999999999", "18446744073709551615k", "1é", "é"] {
+    for text in ["", "k", "-1", "+1", "1.5k", "1 k", "1G", "99999999999999999999", "18446744073709551615k", "1é", "é"]
+    {
         assert_eq!(parse_count(text), None, "{text}");
     }
 }
@@ -101,10 +102,13 @@ fn every_round_renders_every_combination_in_an_order_of_its_own() {
     let first: Vec<_> = renderer.log.iter().take(12).map(|(_, _, purpose)| *purpose).collect();
     assert_eq!(first, [Purpose::First, Purpose::Counting].repeat(6), "first renders come before all rounds");
 
-    let timed: Vec<_> = renderer.log[12..].iter().map(|(_, configuration, purpose)| {
-        assert_eq!(*purpose, Purpose::Timed);
-        combinations.iter().position(|c| c == configuration).expect("a combination of the design")
-    }).collect();
+    let timed: Vec<_> = renderer.log[12..]
+        .iter()
+        .map(|(_, configuration, purpose)| {
+            assert_eq!(*purpose, Purpose::Timed);
+            combinations.iter().position(|c| c == configuration).expect("a combination of the design")
+        })
+        .collect();
     let rounds: Vec<&[usize]> = timed.chunks(6).collect();
     assert_eq!(rounds.len(), 20);
     for round in &rounds {
@@ -232,7 +236,9 @@ fn a_rerun_that_differs_is_wrong() {
     });
     let report = run(&study(&["scheduler"], 6), &mut renderer);
     let megakernel = &report.scenes[0].combinations[1];
-    assert!(matches!(&megakernel.verdict, Verdict::Wrong { reason, .. } if reason.contains("from one run to the next")));
+    assert!(
+        matches!(&megakernel.verdict, Verdict::Wrong { reason, .. } if reason.contains("from one run to the next"))
+    );
     assert_eq!(megakernel.runs.len(), 4, "it is dropped once it is found out");
     assert!(megakernel.seconds.is_none());
 }
@@ -277,7 +283,11 @@ fn estimators_are_held_to_statistics() {
 fn other_work_is_compared_with_a_baseline_of_its_own() {
     let mut renderer = FakeRenderer::new(|call, _| {
         let cost = call.configuration.count("shading-cost").unwrap_or(0) as f64;
-        if call.configuration.level("scheduler") == Some("megakernel") { 1.0 + cost / 100.0 } else { 1.5 + cost / 200.0 }
+        if call.configuration.level("scheduler") == Some("megakernel") {
+            1.0 + cost / 100.0
+        } else {
+            1.5 + cost / 200.0
+        }
     });
     // The image depends on the work, not on how it is done.
     renderer.image = Box::new(|call, _| {
@@ -419,7 +429,10 @@ fn drift_outliers_and_a_slow_start_are_found() {
         megakernel.warnings.clone()
     };
     let drift = warnings(|round| 1.0 + 0.002 * round as f64);
-    assert!(matches!(drift[..], [Warning::Drift(drift)] if drift.rank_correlation > 0.5 && drift.p < 0.01), "{drift:?}");
+    assert!(
+        matches!(drift[..], [Warning::Drift(drift)] if drift.rank_correlation > 0.5 && drift.p < 0.01),
+        "{drift:?}"
+    );
     assert_eq!(warnings(|round| if round == 9 { 1.4 } else { 1.0 }), [Warning::Outliers { rounds: vec![9] }]);
     let slow = warnings(|round| if round == 0 { 1.4 } else { 1.0 });
     assert!(matches!(slow[..], [Warning::SlowFirstRound { times_the_median }] if times_the_median > 1.3), "{slow:?}");

@@ -22,9 +22,7 @@ struct Bench {
 
 impl Bench {
     fn new(a: &Image, b: &Image) -> Self {
-        let bench = Self {
-            folder: tempfile::tempdir().unwrap(),
-        };
+        let bench = Self { folder: tempfile::tempdir().unwrap() };
         for (name, image) in [("a.exr", a), ("b.exr", b)] {
             write_image(&bench.path(name), image, &WriteOptions::default()).unwrap();
         }
@@ -66,9 +64,7 @@ fn files_in(folder: &Path) -> usize {
 
 /// The words of the line that begins with `name`, after it.
 fn line(report: &str, name: &str) -> Vec<String> {
-    let found = report
-        .lines()
-        .find(|line| line.split_whitespace().next() == Some(name));
+    let found = report.lines().find(|line| line.split_whitespace().next() == Some(name));
     let line = found.unwrap_or_else(|| panic!("no line {name} in\n{report}"));
     line.split_whitespace().skip(1).map(Into::into).collect()
 }
@@ -113,24 +109,12 @@ fn values_stand_in_one_column() {
     let bench = Bench::new(&image(&[vec3(1.0, 2.0, 3.0)]), &image(&[Vec3::ONE]));
     let report = diff(&bench.arguments(&["--channels"])).unwrap().to_string();
     for line in report.lines().take(7) {
-        assert!(
-            line[..20].ends_with(' ') && !line[20..].starts_with(' '),
-            "{line}"
-        );
+        assert!(line[..20].ends_with(' ') && !line[20..].starts_with(' '), "{line}");
     }
     let rows: Vec<&str> = report.lines().skip(7).collect();
-    assert_eq!(
-        rows[0].split_whitespace().collect::<Vec<_>>(),
-        ["all", "red", "green", "blue"]
-    );
-    assert!(
-        rows.iter().all(|row| row.len() == rows[0].len()),
-        "{report}"
-    );
-    let mse: Vec<f64> = line(&report, "mse")
-        .iter()
-        .map(|v| v.parse().unwrap())
-        .collect();
+    assert_eq!(rows[0].split_whitespace().collect::<Vec<_>>(), ["all", "red", "green", "blue"]);
+    assert!(rows.iter().all(|row| row.len() == rows[0].len()), "{report}");
+    let mse: Vec<f64> = line(&report, "mse").iter().map(|v| v.parse().unwrap()).collect();
     assert_eq!(mse[1..], [0.0, 1.0, 4.0]);
 }
 
@@ -179,12 +163,7 @@ fn formats_mix() {
     let bench = Bench::new(&image(&[vec3(1.0, 0.5, 0.0)]), &image(&[Vec3::ONE]));
     for name in ["same.hdr", "same.png"] {
         let path = bench.path(name);
-        write_image(
-            &path,
-            &image(&[vec3(1.0, 0.5, 0.0)]),
-            &WriteOptions::default(),
-        )
-        .unwrap();
+        write_image(&path, &image(&[vec3(1.0, 0.5, 0.0)]), &WriteOptions::default()).unwrap();
         let mut arguments = bench.arguments(&[]);
         arguments.b = path;
         assert!(number(&diff(&arguments).unwrap().to_string(), "max_abs_difference") < 0.01);
@@ -207,10 +186,7 @@ fn sizes_that_differ_are_told() {
 fn heatmaps_that_cannot_be_written_are_refused_before_reading() {
     let bench = Bench::new(&image(&[Vec3::ONE]), &image(&[Vec3::ONE]));
     let before = files_in(bench.folder.path());
-    for (name, part) in [
-        ("heat.jpg", "unknown image format"),
-        ("missing/heat.png", "create it"),
-    ] {
+    for (name, part) in [("heat.jpg", "unknown image format"), ("missing/heat.png", "create it")] {
         let path = bench.path(name);
         let mut arguments = bench.arguments(&["--heatmap", path.to_str().unwrap()]);
         // Were the images read first, their absence would be the error.
@@ -241,41 +217,24 @@ fn larger_errors_are_lighter() {
     // A ramp of errors, each a little larger than the one before.
     let linear: Vec<Vec3> = (0..64).map(|i| Vec3::splat(i as f32)).collect();
     let (report, colours) = Bench::new(&image(&linear), &black(64)).heatmap(HeatmapScale::Absolute);
-    assert!(
-        colours
-            .windows(2)
-            .all(|pair| luminance(pair[0]) < luminance(pair[1]))
-    );
+    assert!(colours.windows(2).all(|pair| luminance(pair[0]) < luminance(pair[1])));
     let heatmap = line(&report, "heatmap").join(" ");
-    assert!(
-        heatmap.ends_with(": |a - b|, 0 black to 63 yellow"),
-        "{heatmap}"
-    );
+    assert!(heatmap.ends_with(": |a - b|, 0 black to 63 yellow"), "{heatmap}");
     // The ends of matplotlib's table, within the error of the fit.
     for (index, expected) in [(0, [0, 0, 4]), (63, [252, 255, 164])] {
         for (code, expected) in colours[index].into_iter().zip(expected) {
-            assert!(
-                (i32::from(code) - expected).abs() <= 8,
-                "{:?}",
-                colours[index]
-            );
+            assert!((i32::from(code) - expected).abs() <= 8, "{:?}", colours[index]);
         }
     }
 
     // (a - b)² / 0.01 from 1e-8 up by a decade for every two steps: six decades are twelve steps.
-    let decades: Vec<Vec3> = (0..21)
-        .map(|i| Vec3::splat(1e-5 * 10f32.powf(i as f32 / 4.0) * 0.999))
-        .collect();
-    let (report, colours) =
-        Bench::new(&image(&decades), &black(21)).heatmap(HeatmapScale::Relative);
+    let decades: Vec<Vec3> = (0..21).map(|i| Vec3::splat(1e-5 * 10f32.powf(i as f32 / 4.0) * 0.999)).collect();
+    let (report, colours) = Bench::new(&image(&decades), &black(21)).heatmap(HeatmapScale::Relative);
     let brighter = |pair: &[[u8; 3]]| luminance(pair[0]) < luminance(pair[1]);
     let rising = colours.windows(2).filter(|pair| brighter(pair)).count();
     assert_eq!(rising, 12, "{colours:?}");
     let heatmap = line(&report, "heatmap").join(" ");
-    assert!(
-        heatmap.contains("log10") && heatmap.ends_with(", -4 black to 2 yellow"),
-        "{heatmap}"
-    );
+    assert!(heatmap.contains("log10") && heatmap.ends_with(", -4 black to 2 yellow"), "{heatmap}");
 }
 
 #[test]
@@ -292,17 +251,6 @@ fn pixels_that_are_not_finite_stand_out() {
 #[test]
 fn a_scale_without_a_heatmap_is_a_usage_error() {
     assert!(Cli::try_parse_from(["raywave", "a", "b", "--scale", "absolute"]).is_err());
-    let cli = Cli::try_parse_from([
-        "raywave",
-        "a",
-        "b",
-        "--heatmap",
-        "h.png",
-        "--scale",
-        "absolute",
-    ]);
-    assert_eq!(
-        cli.map(|cli| cli.diff.scale).ok(),
-        Some(HeatmapScale::Absolute)
-    );
+    let cli = Cli::try_parse_from(["raywave", "a", "b", "--heatmap", "h.png", "--scale", "absolute"]);
+    assert_eq!(cli.map(|cli| cli.diff.scale).ok(), Some(HeatmapScale::Absolute));
 }

@@ -6,14 +6,14 @@ use std::path::Path;
 
 use exr::meta::attribute::AttributeValue;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image as ExrImage, Layer,
-    LayerAttributes, LineOrder, MetaData, Vec2, WritableImage,
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image as ExrImage, Layer, LayerAttributes,
+    LineOrder, MetaData, Vec2, WritableImage,
 };
 use glam::{DVec3, Vec3, dvec3, vec3};
 use half::f16;
 use raywave::film::{
-    FilmError, FilmMoments, Image, WriteOptions, check_output, image_bytes, read_image,
-    read_metadata, srgb, write_image,
+    FilmError, FilmMoments, Image, WriteOptions, check_output, image_bytes, read_image, read_metadata, srgb,
+    write_image,
 };
 use raywave::stats::SplitMix64;
 use tempfile::TempDir;
@@ -50,9 +50,7 @@ fn write(path: &Path, image: &Image) {
 
 fn files_in(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).unwrap();
-    let mut names: Vec<_> = entries
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
+    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
 }
@@ -94,9 +92,7 @@ fn exr_keeps_what_is_not_a_number() {
 #[test]
 fn png_codes_survive_a_round_trip() {
     let folder = folder();
-    let codes: Vec<Vec3> = (0..=255u8)
-        .map(|code| Vec3::splat(srgb::decode(f64::from(code) / 255.0) as f32))
-        .collect();
+    let codes: Vec<Vec3> = (0..=255u8).map(|code| Vec3::splat(srgb::decode(f64::from(code) / 255.0) as f32)).collect();
     let (first, second) = (folder.path().join("1.png"), folder.path().join("2.png"));
     write(&first, &row(&codes));
     assert_eq!(read_image(&first).unwrap().pixels, codes);
@@ -159,13 +155,9 @@ fn hdr_of_other_programs_is_read() {
     let path = folder.path().join("rle.hdr");
     // Runs, so that the file is run-length coded in earnest.
     let colours = [[1.0, 0.5, 0.25], [2.0, 2.0, 2.0]];
-    let pixels: Vec<_> = (0..64 * 4)
-        .map(|i| image::Rgb(colours[i / 40 % 2]))
-        .collect();
+    let pixels: Vec<_> = (0..64 * 4).map(|i| image::Rgb(colours[i / 40 % 2])).collect();
     let mut bytes = Vec::new();
-    image::codecs::hdr::HdrEncoder::new(&mut bytes)
-        .encode(&pixels, 64, 4)
-        .unwrap();
+    image::codecs::hdr::HdrEncoder::new(&mut bytes).encode(&pixels, 64, 4).unwrap();
     fs::write(&path, bytes).unwrap();
     let expected: Vec<Vec3> = pixels.iter().map(|p| Vec3::from(p.0)).collect();
     assert_eq!(read_image(&path).unwrap().pixels, expected);
@@ -208,18 +200,10 @@ fn srgb_has_its_known_values() {
 fn exposure_counts_in_stops_and_light_clamps() {
     let folder = folder();
     let path = folder.path().join("exposed.png");
-    for (exposure, radiance, code) in [
-        (0.0, 0.5, 188),
-        (1.0, 0.25, 188),
-        (-2.0, 2.0, 188),
-        (1.0, 0.5, 255),
-        (0.0, 7.0, 255),
-        (10.0, f32::NAN, 0),
-    ] {
-        let options = WriteOptions {
-            exposure,
-            ..WriteOptions::default()
-        };
+    for (exposure, radiance, code) in
+        [(0.0, 0.5, 188), (1.0, 0.25, 188), (-2.0, 2.0, 188), (1.0, 0.5, 255), (0.0, 7.0, 255), (10.0, f32::NAN, 0)]
+    {
+        let options = WriteOptions { exposure, ..WriteOptions::default() };
         write_image(&path, &row(&[Vec3::splat(radiance)]), &options).unwrap();
         let code_in_file = image::open(&path).unwrap().to_rgb8().get_pixel(0, 0).0;
         assert_eq!(code_in_file, [code; 3], "{radiance} at {exposure} stops");
@@ -232,10 +216,7 @@ fn exposure_leaves_linear_formats_alone() {
     let metadata = pairs(&[("raywave.samples", "4")]);
     for name in ["x.exr", "x.hdr"] {
         let bytes = |exposure| {
-            let options = WriteOptions {
-                exposure,
-                metadata: &metadata,
-            };
+            let options = WriteOptions { exposure, metadata: &metadata };
             image_bytes(Path::new(name), &image, &options).unwrap()
         };
         assert_eq!(bytes(0.0), bytes(3.0));
@@ -275,10 +256,7 @@ fn metadata_comes_back_in_order() {
     ]);
     metadata.push(("raywave.scene".into(), "x".repeat(100_000)));
     let image = noise(40, 50);
-    let options = WriteOptions {
-        metadata: &metadata,
-        ..WriteOptions::default()
-    };
+    let options = WriteOptions { metadata: &metadata, ..WriteOptions::default() };
     write_image(&path, &image, &options).unwrap();
     assert_eq!(read_metadata(&path).unwrap(), metadata);
     assert_eq!(read_image(&path).unwrap(), image);
@@ -308,10 +286,7 @@ fn metadata_that_would_change_the_file_is_refused() {
         pairs(&[(&long, "x")]),
         pairs(&[("a.b", "x"), ("a.c", "x"), ("a.b", "x")]),
     ] {
-        let options = WriteOptions {
-            metadata: &bad,
-            ..WriteOptions::default()
-        };
+        let options = WriteOptions { metadata: &bad, ..WriteOptions::default() };
         let error = write_image(&path, &noise(2, 2), &options).unwrap_err();
         assert!(matches!(error, FilmError::MetadataKey { .. }), "{error}");
     }
@@ -335,21 +310,13 @@ fn only_exr_is_asked_for_metadata() {
 #[test]
 fn the_same_image_gives_the_same_bytes() {
     // Many keys, so that an order by chance would hardly repeat; many chunks for many threads.
-    let metadata: Vec<_> = (0..20)
-        .map(|i| (format!("raywave.key{i}"), format!("{i}")))
-        .collect();
-    let options = WriteOptions {
-        exposure: 0.5,
-        metadata: &metadata,
-    };
+    let metadata: Vec<_> = (0..20).map(|i| (format!("raywave.key{i}"), format!("{i}"))).collect();
+    let options = WriteOptions { exposure: 0.5, metadata: &metadata };
     let image = noise(64, 400);
     for name in ["x.exr", "x.png", "x.hdr"] {
         let first = image_bytes(Path::new(name), &image, &options).unwrap();
         for _ in 0..5 {
-            assert!(
-                image_bytes(Path::new(name), &image, &options).unwrap() == first,
-                "{name}"
-            );
+            assert!(image_bytes(Path::new(name), &image, &options).unwrap() == first, "{name}");
         }
     }
 }
@@ -363,15 +330,8 @@ fn exr_layer(
     attributes: LayerAttributes,
     channels: &[(&str, FlatSamples)],
 ) -> Layer<AnyChannels<FlatSamples>> {
-    let channels = channels
-        .iter()
-        .map(|(name, samples)| AnyChannel::new(*name, samples.clone()));
-    Layer::new(
-        size,
-        attributes,
-        encoding,
-        AnyChannels::sort(channels.collect()),
-    )
+    let channels = channels.iter().map(|(name, samples)| AnyChannel::new(*name, samples.clone()));
+    Layer::new(size, attributes, encoding, AnyChannels::sort(channels.collect()))
 }
 
 fn exr_file(path: &Path, layers: Vec<Layer<AnyChannels<FlatSamples>>>) {
@@ -399,12 +359,7 @@ fn colour_is_found_among_other_channels() {
     let cases: Vec<(&str, Channels, &Image)> = vec![
         (
             "half RGBA, the default of Mitsuba's film",
-            vec![
-                ("R", halves(&r)),
-                ("G", halves(&g)),
-                ("B", halves(&b)),
-                ("A", halves(&other)),
-            ],
+            vec![("R", halves(&r)), ("G", halves(&g)), ("B", halves(&b)), ("A", halves(&other))],
             &expected,
         ),
         (
@@ -420,11 +375,7 @@ fn colour_is_found_among_other_channels() {
             ],
             &expected,
         ),
-        (
-            "mixed precision",
-            vec![("R", floats(&r)), ("G", halves(&g)), ("B", floats(&b))],
-            &expected,
-        ),
+        ("mixed precision", vec![("R", floats(&r)), ("G", halves(&g)), ("B", floats(&b))], &expected),
         (
             "one named group",
             vec![
@@ -438,21 +389,12 @@ fn colour_is_found_among_other_channels() {
         ),
         (
             "luminance with auxiliary channels",
-            vec![
-                ("Y", halves(&r)),
-                ("albedo.R", floats(&other)),
-                ("depth.T", floats(&other)),
-            ],
+            vec![("Y", halves(&r)), ("albedo.R", floats(&other)), ("depth.T", floats(&other))],
             &grey,
         ),
     ];
     for (name, channels, expected) in cases {
-        let layer = exr_layer(
-            (2, 1),
-            Encoding::SMALL_LOSSLESS,
-            LayerAttributes::default(),
-            &channels,
-        );
+        let layer = exr_layer((2, 1), Encoding::SMALL_LOSSLESS, LayerAttributes::default(), &channels);
         exr_file(&path, vec![layer]);
         assert_eq!(&read_image(&path).unwrap(), expected, "{name}");
     }
@@ -465,36 +407,19 @@ fn tiles_compressions_windows_and_parts_are_read() {
     let image = noise(70, 45);
     let channel = |i: usize| floats(&image.pixels.iter().map(|p| p[i]).collect::<Vec<_>>());
     let rgb = [("R", channel(0)), ("G", channel(1)), ("B", channel(2))];
-    for compression in [
-        Compression::Uncompressed,
-        Compression::RLE,
-        Compression::ZIP1,
-        Compression::ZIP16,
-        Compression::PIZ,
-    ] {
+    for compression in
+        [Compression::Uncompressed, Compression::RLE, Compression::ZIP1, Compression::ZIP16, Compression::PIZ]
+    {
         for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(32, 16))] {
-            let encoding = Encoding {
-                compression,
-                blocks,
-                line_order: LineOrder::Increasing,
-            };
+            let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
             // A crop: the data window is not at the origin.
             let attributes = LayerAttributes::named("main").with_position(Vec2(-5, 12));
             exr_file(&path, vec![exr_layer((70, 45), encoding, attributes, &rgb)]);
-            assert_eq!(
-                read_image(&path).unwrap(),
-                image,
-                "{compression} {blocks:?}"
-            );
+            assert_eq!(read_image(&path).unwrap(), image, "{compression} {blocks:?}");
         }
     }
     let encoding = Encoding::FAST_LOSSLESS;
-    let depth = exr_layer(
-        (70, 45),
-        encoding,
-        LayerAttributes::named("depth"),
-        &[("Z", channel(0))],
-    );
+    let depth = exr_layer((70, 45), encoding, LayerAttributes::named("depth"), &[("Z", channel(0))]);
     let colour = exr_layer((70, 45), encoding, LayerAttributes::named("colour"), &rgb);
     exr_file(&path, vec![depth, colour]);
     assert_eq!(read_image(&path).unwrap(), image);
@@ -507,22 +432,12 @@ fn exr_without_plain_colour_says_what_it_has() {
     for names in [
         &["G", "Z"][..],
         // Red, green and blue of what? Mitsuba writes this for CIE XYZ with an albedo.
-        &[
-            "X", "Y", "Z", "alb.B", "alb.G", "alb.R", "img.B", "img.G", "img.R",
-        ],
+        &["X", "Y", "Z", "alb.B", "alb.G", "alb.R", "img.B", "img.G", "img.R"],
         &["BY", "RY", "Y"],
     ] {
         let channels: Vec<_> = names.iter().map(|&name| (name, floats(&[1.0]))).collect();
         let attributes = LayerAttributes::default();
-        exr_file(
-            &path,
-            vec![exr_layer(
-                (1, 1),
-                Encoding::UNCOMPRESSED,
-                attributes,
-                &channels,
-            )],
-        );
+        exr_file(&path, vec![exr_layer((1, 1), Encoding::UNCOMPRESSED, attributes, &channels)]);
         let error = read_image(&path).unwrap_err();
         assert!(matches!(error, FilmError::NoColour { .. }));
         assert!(error.to_string().contains(&names.join(", ")), "{error}");
@@ -535,21 +450,15 @@ fn png_of_other_programs_is_read() {
     let folder = folder();
     let path = folder.path().join("other.png");
     let linear = |code: f64| srgb::decode(code) as f32;
-    image::ImageBuffer::from_pixel(1, 1, image::Rgb([0u16, 257, 40_000]))
-        .save(&path)
-        .unwrap();
+    image::ImageBuffer::from_pixel(1, 1, image::Rgb([0u16, 257, 40_000])).save(&path).unwrap();
     let expected = vec3(0.0, linear(1.0 / 255.0), linear(40_000.0 / 65_535.0));
     assert_eq!(read_image(&path).unwrap().pixels, [expected]);
 
-    image::ImageBuffer::from_pixel(1, 1, image::Rgba([10u8, 20, 30, 0]))
-        .save(&path)
-        .unwrap();
+    image::ImageBuffer::from_pixel(1, 1, image::Rgba([10u8, 20, 30, 0])).save(&path).unwrap();
     let expected = Vec3::from([10.0, 20.0, 30.0].map(|code| linear(code / 255.0)));
     assert_eq!(read_image(&path).unwrap().pixels, [expected]);
 
-    image::ImageBuffer::from_pixel(1, 1, image::Luma([77u8]))
-        .save(&path)
-        .unwrap();
+    image::ImageBuffer::from_pixel(1, 1, image::Luma([77u8])).save(&path).unwrap();
     let expected = Vec3::splat(linear(77.0 / 255.0));
     assert_eq!(read_image(&path).unwrap().pixels, [expected]);
 }
@@ -559,10 +468,7 @@ fn png_of_other_programs_is_read() {
 /// Every message is one line and names the file.
 fn assert_well_spoken(error: &FilmError, path: &Path) {
     let message = error.to_string();
-    assert!(
-        message.starts_with(&path.display().to_string()),
-        "{message}"
-    );
+    assert!(message.starts_with(&path.display().to_string()), "{message}");
     assert!(!message.contains('\n'), "{message}");
 }
 
@@ -596,10 +502,9 @@ fn outputs_are_checked_before_the_work() {
 #[test]
 fn unwritable_folders_are_noticed() {
     let path = Path::new("/proc/self/a.exr");
-    for error in [
-        check_output(path).unwrap_err(),
-        write_image(path, &noise(2, 2), &WriteOptions::default()).unwrap_err(),
-    ] {
+    for error in
+        [check_output(path).unwrap_err(), write_image(path, &noise(2, 2), &WriteOptions::default()).unwrap_err()]
+    {
         assert!(matches!(error, FilmError::Write { .. }), "{error}");
         assert_well_spoken(&error, path);
     }
@@ -614,10 +519,7 @@ fn a_failed_write_leaves_nothing_behind_and_the_old_file_alone() {
     let old = fs::read(inside("old.exr")).unwrap();
 
     let empty = Image::new(0, 5, Vec::new());
-    let lying = Image {
-        width: 4,
-        ..noise(3, 3)
-    };
+    let lying = Image { width: 4, ..noise(3, 3) };
     let bad_key = pairs(&[("nodot", "x")]);
     for (path, image, metadata) in [
         (inside("target.exr"), &noise(3, 3), &[][..]),
@@ -627,10 +529,7 @@ fn a_failed_write_leaves_nothing_behind_and_the_old_file_alone() {
         (inside("old.exr"), &lying, &[]),
         (inside("a.bmp"), &noise(3, 3), &[]),
     ] {
-        let options = WriteOptions {
-            metadata,
-            ..WriteOptions::default()
-        };
+        let options = WriteOptions { metadata, ..WriteOptions::default() };
         let error = write_image(&path, image, &options).unwrap_err();
         assert_well_spoken(&error, &path);
     }
@@ -666,10 +565,7 @@ fn a_bare_file_name_means_the_current_folder() {
 fn damaged_files_are_errors() {
     let folder = folder();
     let metadata = pairs(&[("raywave.samples", "16")]);
-    let options = WriteOptions {
-        metadata: &metadata,
-        ..WriteOptions::default()
-    };
+    let options = WriteOptions { metadata: &metadata, ..WriteOptions::default() };
     for name in ["a.exr", "a.png", "a.hdr"] {
         let path = folder.path().join(name);
         let bytes = image_bytes(&path, &noise(9, 20), &options).unwrap();
@@ -722,10 +618,7 @@ fn a_header_cannot_ask_for_all_memory() {
 
     let path = folder.path().join("huge.exr");
     let mut bytes = image_bytes(&path, &noise(1, 1), &WriteOptions::default()).unwrap();
-    let window = bytes
-        .windows(16)
-        .position(|w| w == b"dataWindow\0box2i")
-        .unwrap();
+    let window = bytes.windows(16).position(|w| w == b"dataWindow\0box2i").unwrap();
     // Behind the name, the type and the size: x and y of the first corner, then of the last.
     let last_corner = window + 17 + 4 + 8;
     bytes[last_corner..last_corner + 8]
@@ -775,10 +668,7 @@ fn few_samples_admit_that_nothing_is_known() {
     assert_eq!(with(0).variance_of_mean().pixels[0], Vec3::INFINITY);
     assert_eq!(with(1).mean().pixels[0], Vec3::ONE);
     assert_eq!(with(1).variance_of_mean().pixels[0], Vec3::INFINITY);
-    assert_eq!(
-        with(1).mean_and_standard_error().standard_error,
-        DVec3::INFINITY
-    );
+    assert_eq!(with(1).mean_and_standard_error().standard_error, DVec3::INFINITY);
     assert_eq!(with(2).variance_of_mean().pixels[0], Vec3::ZERO);
 }
 
@@ -826,8 +716,5 @@ fn standard_error_matches_the_scatter_of_repeated_renders() {
         })
         .collect();
     let seen = raywave::stats::variance(&means).sqrt();
-    assert!(
-        (claimed / seen - 1.0).abs() < 0.06,
-        "claimed {claimed}, seen {seen}"
-    );
+    assert!((claimed / seen - 1.0).abs() < 0.06, "claimed {claimed}, seen {seen}");
 }

@@ -61,10 +61,11 @@ impl Estimate {
     fn sums(&self, keep: impl Fn(u32, u32) -> bool) -> (DVec3, DVec3) {
         let width = self.mean.width;
         let pixels = self.mean.pixels.iter().zip(&self.variance.pixels).zip(0_u32..);
-        pixels.filter(|(_, i)| keep(i % width, i / width)).fold(
-            (DVec3::ZERO, DVec3::ZERO),
-            |(mean, variance), ((m, v), _)| (mean + m.as_dvec3(), variance + v.as_dvec3()),
-        )
+        pixels
+            .filter(|(_, i)| keep(i % width, i / width))
+            .fold((DVec3::ZERO, DVec3::ZERO), |(mean, variance), ((m, v), _)| {
+                (mean + m.as_dvec3(), variance + v.as_dvec3())
+            })
     }
 }
 
@@ -90,9 +91,8 @@ fn compare(a: &Estimate, b: &Estimate) -> Verdict {
         DVec3::from_array(std::array::from_fn(|c| z_test(deviation[c], error[c]).z))
     };
     let (columns, rows) = (a.mean.width / BLOCK, a.mean.height / BLOCK);
-    let blocks: Vec<DVec3> = (0..columns * rows)
-        .map(|i| z(&|x, y| x / BLOCK == i % columns && y / BLOCK == i / columns))
-        .collect();
+    let blocks: Vec<DVec3> =
+        (0..columns * rows).map(|i| z(&|x, y| x / BLOCK == i % columns && y / BLOCK == i / columns)).collect();
     let whole = z(&|_, _| true);
     let all: Vec<f64> = blocks.iter().chain([&whole]).flat_map(|z| z.to_array()).collect();
     let smallest_p = all.iter().map(|&z| z_test(z, 1.0).p).fold(1.0, f64::min);

@@ -10,9 +10,7 @@ use std::{
 
 use glam::{DVec3, Vec2, Vec3, dvec3, vec2, vec3};
 use proptest::prelude::*;
-use raywave::scene::{
-    Environment, Integrator, Material, NONE, Scene, SceneError, Surface, generate_gallery,
-};
+use raywave::scene::{Environment, Integrator, Material, NONE, Scene, SceneError, Surface, generate_gallery};
 use tempfile::TempDir;
 
 /// Lines 1 to 4 of a scene file.
@@ -77,10 +75,7 @@ fn warns(scene: &Scene, phrase: &str) -> bool {
     for warning in &scene.warnings {
         assert!(!warning.contains('\n'), "more than one line: {warning}");
     }
-    scene
-        .warnings
-        .iter()
-        .any(|warning| warning.contains(phrase))
+    scene.warnings.iter().any(|warning| warning.contains(phrase))
 }
 
 fn png(width: u32, height: u32, rgb: &[[u8; 3]]) -> Vec<u8> {
@@ -98,10 +93,7 @@ fn hdr(width: usize, height: usize, rgb: &[[f32; 3]]) -> Vec<u8> {
     bytes
 }
 
-fn exr<T: exr::prelude::IntoSample>(
-    size: (usize, usize),
-    pixel: impl Sync + Fn(usize, usize) -> [T; 3],
-) -> Vec<u8> {
+fn exr<T: exr::prelude::IntoSample>(size: (usize, usize), pixel: impl Sync + Fn(usize, usize) -> [T; 3]) -> Vec<u8> {
     use exr::prelude::*;
 
     let pixel = |at: Vec2<usize>| {
@@ -160,14 +152,9 @@ fn every_key_is_read() {
         [environment]
         radiance = [1, 2, 3]
     ";
-    let scene = Folder::new(&[("s.toml", toml), ("m.obj", TRIANGLE)])
-        .load("s.toml")
-        .unwrap();
+    let scene = Folder::new(&[("s.toml", toml), ("m.obj", TRIANGLE)]).load("s.toml").unwrap();
     let camera = scene.camera;
-    assert_eq!(
-        (camera.eye, camera.target),
-        (dvec3(1., 2., 3.), dvec3(0., 0.5, 0.))
-    );
+    assert_eq!((camera.eye, camera.target), (dvec3(1., 2., 3.), dvec3(0., 0.5, 0.)));
     assert_eq!((camera.up, camera.vfov), (DVec3::Z, 33.5));
     assert_eq!((camera.aperture, camera.focus), (0.1, 2.5));
     assert_eq!((scene.width, scene.height), (640, 360));
@@ -185,16 +172,9 @@ fn transforms_scale_then_rotate_about_x_y_z_then_translate() {
     let obj = "v 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n";
     let scene = scene_with(toml, obj, "");
     // A quarter turn about x takes y to z and z to -y, one about y then takes z to x, x to -z.
-    let expected = [
-        dvec3(10., 20., 28.),
-        dvec3(13., 20., 30.),
-        dvec3(10., 16., 30.),
-    ];
+    let expected = [dvec3(10., 20., 28.), dvec3(13., 20., 30.), dvec3(10., 16., 30.)];
     for (corner, expected) in corners(&scene, 0).into_iter().zip(expected) {
-        assert!(
-            corner.distance(expected) < 1e-12,
-            "{corner} is not {expected}"
-        );
+        assert!(corner.distance(expected) < 1e-12, "{corner} is not {expected}");
     }
     let scene = scene_with("rotate = [0, 0, 45]\n", obj, "");
     let expected = dvec3(FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0);
@@ -278,18 +258,11 @@ fn an_override_can_take_or_give_an_image() {
     let image = png(1, 1, &[[255; 3]]);
     let load = |key: &str, mtl: &str| {
         let toml = format!("{CAMERA}{MESH}[material.a]\nmap_Kd = \"{key}\"\n");
-        let files: [(&str, &[u8]); 4] = [
-            ("s.toml", toml.as_bytes()),
-            ("m.obj", TEXTURED.as_bytes()),
-            ("m.mtl", mtl.as_bytes()),
-            ("t.png", &image),
-        ];
+        let files: [(&str, &[u8]); 4] =
+            [("s.toml", toml.as_bytes()), ("m.obj", TEXTURED.as_bytes()), ("m.mtl", mtl.as_bytes()), ("t.png", &image)];
         Folder::new(&files).load("s.toml").unwrap()
     };
-    assert_eq!(
-        load("", "newmtl a\nmap_Kd t.png\n").materials[0].map_kd,
-        None
-    );
+    assert_eq!(load("", "newmtl a\nmap_Kd t.png\n").materials[0].map_kd, None);
     assert_eq!(load("t.png", "newmtl a\n").materials[0].map_kd, Some(0));
 }
 
@@ -297,11 +270,7 @@ fn an_override_can_take_or_give_an_image() {
 fn the_hash_follows_names_and_contents_but_not_the_folder() {
     let hash = |mesh: &str, file: &str| {
         let toml = format!("{CAMERA}[[mesh]]\nfile = \"{file}\"\n");
-        let files = [
-            ("s.toml", toml.as_str()),
-            (file, mesh),
-            ("m.mtl", "newmtl a\n"),
-        ];
+        let files = [("s.toml", toml.as_str()), (file, mesh), ("m.mtl", "newmtl a\n")];
         Folder::new(&files).load("s.toml").unwrap().hash
     };
     let reference = hash(LIT_TRIANGLE, "m.obj");
@@ -357,8 +326,8 @@ fn a_bare_mesh_is_seen_whole_and_lit() {
 fn polygons_become_fans_and_indices_may_be_negative() {
     let obj = "v 0 0 0\nv 2 0 0\nv 3 1 0\nv 1 3 0\nv -1 1 0\nf -5 -4 -3 -2 -1\nv 9 9 9\n";
     let scene = scene_of(obj, "");
-    let [a, b, c, d, e] = [[0, 0], [2, 0], [3, 1], [1, 3], [-1, 1]]
-        .map(|[x, y]| dvec3(f64::from(x), f64::from(y), 0.0));
+    let [a, b, c, d, e] =
+        [[0, 0], [2, 0], [3, 1], [1, 3], [-1, 1]].map(|[x, y]| dvec3(f64::from(x), f64::from(y), 0.0));
     assert_eq!(scene.mesh.triangles.len(), 3);
     assert_eq!(corners(&scene, 0), [a, b, c]);
     assert_eq!(corners(&scene, 1), [a, c, d]);
@@ -404,12 +373,7 @@ fn corners_keep_their_own_normals_and_coordinates() {
 #[test]
 fn a_triangle_without_three_good_normals_is_flat() {
     let head = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nvn 0 0 0\nvn nan 0 1\nvn inf 0 0\n";
-    for face in [
-        "f 1//1 2//1 3//2",
-        "f 1//1 2//3 3//1",
-        "f 1//4 2//1 3//1",
-        "f 1//1 2 3//1",
-    ] {
+    for face in ["f 1//1 2//1 3//2", "f 1//1 2//3 3//1", "f 1//4 2//1 3//1", "f 1//1 2 3//1"] {
         let scene = scene_of(&format!("{head}{face}\nf 1//1 2//1 3//1\n"), "");
         assert_eq!(scene.mesh.triangles[0].normals, [NONE; 3], "{face}");
         assert_ne!(scene.mesh.triangles[1].normals, [NONE; 3], "{face}");
@@ -428,8 +392,7 @@ fn triangles_without_area_are_dropped_and_counted() {
 
 #[test]
 fn libraries_stand_on_one_line_or_several() {
-    let faces =
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\nusemtl c\nf 1 2 3\n";
+    let faces = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\nusemtl c\nf 1 2 3\n";
     let obj = format!("mtllib one.mtl sub\\two.mtl\nmtllib with blank.mtl\n{faces}");
     let toml = format!("{CAMERA}{MESH}");
     let scene = Folder::new(&[
@@ -441,28 +404,18 @@ fn libraries_stand_on_one_line_or_several() {
     ])
     .load("s.toml")
     .unwrap();
-    let kd: Vec<f32> = scene
-        .materials
-        .iter()
-        .map(|material| material.kd.x)
-        .collect();
+    let kd: Vec<f32> = scene.materials.iter().map(|material| material.kd.x).collect();
     assert_eq!(kd, [0.1, 0.2, 0.3]);
 }
 
 #[test]
 fn missing_libraries_and_materials_are_warnings() {
-    let scene = scene_of(
-        "mtllib nowhere.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl x\nf 1 2 3\n",
-        "",
-    );
+    let scene = scene_of("mtllib nowhere.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl x\nf 1 2 3\n", "");
     assert_eq!(scene.materials[0].kd, Vec3::splat(0.8));
     assert!(warns(&scene, "m.obj:1: cannot read"));
     assert!(!warns(&scene, "`x`"), "one warning is enough");
 
-    let scene = scene_of(
-        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl x\nf 1 2 3\n",
-        "newmtl y\n",
-    );
+    let scene = scene_of("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl x\nf 1 2 3\n", "newmtl y\n");
     assert_eq!(scene.materials[0].kd, Vec3::splat(0.8));
     assert!(warns(&scene, "m.obj:5: no material `x`"));
 }
@@ -508,10 +461,7 @@ fn illum_chooses_the_surface() {
 fn one_number_is_grey_and_names_may_repeat() {
     let mtl = "newmtl a\nKd 0.25\nKe 2\nnewmtl b\nKd 1 1 1\nnewmtl a\nTf 0.5 # tint\nKe 0\n";
     let material = material_of(mtl);
-    assert_eq!(
-        (material.kd, material.tf),
-        (Vec3::splat(0.25), Vec3::splat(0.5))
-    );
+    assert_eq!((material.kd, material.tf), (Vec3::splat(0.25), Vec3::splat(0.5)));
     assert!(!material.is_emitter());
 }
 
@@ -531,10 +481,7 @@ fn kd_and_ks_are_scaled_by_their_largest_sum() {
 
 #[test]
 fn ignored_keys_of_used_materials_are_named() {
-    let scene = scene_of(
-        LIT_TRIANGLE,
-        "newmtl a\nKa 1 1 1\nmap_Bump b.png\nnewmtl c\nbump x.png\n",
-    );
+    let scene = scene_of(LIT_TRIANGLE, "newmtl a\nKa 1 1 1\nmap_Bump b.png\nnewmtl c\nbump x.png\n");
     assert!(warns(&scene, "m.mtl:3: `map_Bump` is ignored"));
     assert!(!warns(&scene, "`bump`"));
 }
@@ -543,22 +490,14 @@ fn ignored_keys_of_used_materials_are_named() {
 
 fn textured(mtl: &str, image_name: &str, image: &[u8]) -> Scene {
     let toml = format!("{CAMERA}{MESH}");
-    let files: [(&str, &[u8]); 4] = [
-        ("s.toml", toml.as_bytes()),
-        ("m.obj", TEXTURED.as_bytes()),
-        ("m.mtl", mtl.as_bytes()),
-        (image_name, image),
-    ];
+    let files: [(&str, &[u8]); 4] =
+        [("s.toml", toml.as_bytes()), ("m.obj", TEXTURED.as_bytes()), ("m.mtl", mtl.as_bytes()), (image_name, image)];
     Folder::new(&files).load("s.toml").unwrap()
 }
 
 #[test]
 fn textures_are_linear_with_row_0_on_top() {
-    let image = png(
-        2,
-        2,
-        &[[255, 0, 0], [0, 255, 0], [0, 0, 255], [188, 10, 128]],
-    );
+    let image = png(2, 2, &[[255, 0, 0], [0, 255, 0], [0, 0, 255], [188, 10, 128]]);
     let scene = textured("newmtl a\nmap_Kd t.png\n", "t.png", &image);
     assert_eq!(scene.materials[0].map_kd, Some(0));
     let texture = &scene.textures[0];
@@ -590,24 +529,13 @@ fn image_names_come_with_blanks_slashes_and_options() {
 #[test]
 fn a_bright_image_shares_the_energy_rule_with_ks() {
     let image = png(2, 1, &[[255; 3], [0; 3]]);
-    let scene = textured(
-        "newmtl a\nKd 1 1 1\nKs 0.25\nmap_Kd t.png\n",
-        "t.png",
-        &image,
-    );
+    let scene = textured("newmtl a\nKd 1 1 1\nKs 0.25\nmap_Kd t.png\n", "t.png", &image);
     assert!((scene.materials[0].ks.x - 0.2).abs() < 1e-6);
     assert!((f32::from(scene.textures[0].texels[0][0]) - 0.8).abs() < 1e-3);
     assert!(warns(&scene, "reaches 1.25"));
 
-    let scene = textured(
-        "newmtl a\nmap_Kd t.hdr\n",
-        "t.hdr",
-        &hdr(1, 1, &[[4.0, 0.5, 0.25]]),
-    );
-    assert_eq!(
-        scene.textures[0].texels[0].map(f32::from),
-        [1.0, 0.5, 0.25, 1.0]
-    );
+    let scene = textured("newmtl a\nmap_Kd t.hdr\n", "t.hdr", &hdr(1, 1, &[[4.0, 0.5, 0.25]]));
+    assert_eq!(scene.textures[0].texels[0].map(f32::from), [1.0, 0.5, 0.25, 1.0]);
     assert!(warns(&scene, "brighter than 1"));
 }
 
@@ -632,11 +560,7 @@ fn faces_without_coordinates_show_kd_instead_of_the_image() {
 
 fn environment(file: &str, bytes: &[u8], more: &str) -> Result<Scene, SceneError> {
     let toml = format!("{CAMERA}{MESH}[environment]\nfile = \"{file}\"\n{more}");
-    let files: [(&str, &[u8]); 3] = [
-        ("s.toml", toml.as_bytes()),
-        ("m.obj", TRIANGLE.as_bytes()),
-        (file, bytes),
-    ];
+    let files: [(&str, &[u8]); 3] = [("s.toml", toml.as_bytes()), ("m.obj", TRIANGLE.as_bytes()), (file, bytes)];
     Folder::new(&files).load("s.toml")
 }
 
@@ -695,49 +619,22 @@ fn the_gallery_is_rich_and_the_same_each_time() {
     assert_eq!(scene.warnings, [""; 0]);
     assert_eq!((scene.width, scene.height), (960, 540));
     assert!(scene.mesh.triangles.len().abs_diff(60_000) < 600);
-    let emitters = scene
-        .materials
-        .iter()
-        .filter(|material| material.is_emitter());
+    let emitters = scene.materials.iter().filter(|material| material.is_emitter());
     assert!(emitters.count() >= 5);
     assert!(scene.materials.len() >= 25);
-    for surface in [
-        Surface::Glossy,
-        Surface::Mirror,
-        Surface::Refractive,
-        Surface::Dielectric,
-    ] {
-        assert!(
-            scene
-                .materials
-                .iter()
-                .any(|material| material.surface == surface)
-        );
+    for surface in [Surface::Glossy, Surface::Mirror, Surface::Refractive, Surface::Dielectric] {
+        assert!(scene.materials.iter().any(|material| material.surface == surface));
     }
     assert!(matches!(scene.environment, Environment::LatLong(_)));
     assert!(!scene.textures.is_empty() && !scene.mesh.normals.is_empty());
     // Smooth normals agree with the winding: none points through its own surface.
-    for triangle in scene
-        .mesh
-        .triangles
-        .iter()
-        .filter(|t| t.normals != [NONE; 3])
-    {
-        let [a, b, c] = triangle
-            .positions
-            .map(|index| scene.mesh.positions[index as usize]);
+    for triangle in scene.mesh.triangles.iter().filter(|t| t.normals != [NONE; 3]) {
+        let [a, b, c] = triangle.positions.map(|index| scene.mesh.positions[index as usize]);
         let geometric = (b - a).cross(c - a);
-        let sum: Vec3 = triangle
-            .normals
-            .map(|n| scene.mesh.normals[n as usize])
-            .iter()
-            .sum();
+        let sum: Vec3 = triangle.normals.map(|n| scene.mesh.normals[n as usize]).iter().sum();
         assert!(geometric.dot(sum.as_dvec3()) > 0.0);
     }
-    let names: Vec<_> = fs::read_dir(first.path())
-        .unwrap()
-        .map(|e| e.unwrap().file_name())
-        .collect();
+    let names: Vec<_> = fs::read_dir(first.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert_eq!(names.len(), 5, "no partial file stays: {names:?}");
 }
 
@@ -746,10 +643,7 @@ fn a_gallery_that_cannot_be_written_says_where() {
     let folder = Folder::new(&[("file", "")]);
     let error = generate_gallery(&folder.path("file"), 1000).unwrap_err();
     assert!(matches!(error, SceneError::Write { .. }));
-    assert!(
-        error.to_string().contains("file: cannot be written"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("file: cannot be written"), "{error}");
 }
 
 // Malformed input
@@ -803,152 +697,44 @@ fn refused() -> Vec<Refused> {
         // TOML
         toml("", "s.toml", "no [camera]"),
         toml("[camera\n", "s.toml:1", "see the scene format"),
-        toml(
-            &format!("{CAMERA}[film]\nwidth = 1\nwidth = 2\n"),
-            "s.toml:7",
-            "duplicate",
-        ),
+        toml(&format!("{CAMERA}[film]\nwidth = 1\nwidth = 2\n"), "s.toml:7", "duplicate"),
         toml(CAMERA, "s.toml", "no [[mesh]]"),
-        toml(
-            &camera("eye = [0, 0]\ntarget = [0, 0, 0]\nvfov = 40"),
-            "s.toml:2",
-            "length 2",
-        ),
-        toml(
-            &camera("target = [0, 0, 0]\nvfov = 40"),
-            "s.toml:1",
-            "missing field `eye`",
-        ),
-        toml(
-            &camera("eye = [0, 0, 1]\ntarget = [0, 0, 1]\nvfov = 40"),
-            "s.toml:3",
-            "equals eye",
-        ),
-        toml(
-            &camera("eye = [0, nan, 1]\ntarget = [0, 0, 1]\nvfov = 40"),
-            "s.toml:2",
-            "not finite",
-        ),
-        toml(
-            &format!("{CAMERA}up = [0, 0, 0]\n{MESH}"),
-            "s.toml:5",
-            "up is zero",
-        ),
-        toml(
-            &format!("{CAMERA}roll = 1\n{MESH}"),
-            "s.toml:5",
-            "unknown field `roll`",
-        ),
-        toml(
-            &camera("eye = [0, 0, 5]\ntarget = [0, 0, 0]\nvfov = 180"),
-            "s.toml:4",
-            "vfov",
-        ),
-        toml(
-            &camera("eye = [0, 0, 5]\ntarget = [0, 0, 0]\nvfov = 'x'"),
-            "s.toml:4",
-            "expected f64",
-        ),
-        toml(
-            &format!("{CAMERA}aperture = -1\n{MESH}"),
-            "s.toml:5",
-            "aperture",
-        ),
-        toml(
-            &format!("{CAMERA}aperture = 0.1\n{MESH}"),
-            "s.toml:5",
-            "needs focus",
-        ),
-        toml(
-            &format!("{CAMERA}focus = 0.0\n{MESH}"),
-            "s.toml:5",
-            "focus is not a distance",
-        ),
+        toml(&camera("eye = [0, 0]\ntarget = [0, 0, 0]\nvfov = 40"), "s.toml:2", "length 2"),
+        toml(&camera("target = [0, 0, 0]\nvfov = 40"), "s.toml:1", "missing field `eye`"),
+        toml(&camera("eye = [0, 0, 1]\ntarget = [0, 0, 1]\nvfov = 40"), "s.toml:3", "equals eye"),
+        toml(&camera("eye = [0, nan, 1]\ntarget = [0, 0, 1]\nvfov = 40"), "s.toml:2", "not finite"),
+        toml(&format!("{CAMERA}up = [0, 0, 0]\n{MESH}"), "s.toml:5", "up is zero"),
+        toml(&format!("{CAMERA}roll = 1\n{MESH}"), "s.toml:5", "unknown field `roll`"),
+        toml(&camera("eye = [0, 0, 5]\ntarget = [0, 0, 0]\nvfov = 180"), "s.toml:4", "vfov"),
+        toml(&camera("eye = [0, 0, 5]\ntarget = [0, 0, 0]\nvfov = 'x'"), "s.toml:4", "expected f64"),
+        toml(&format!("{CAMERA}aperture = -1\n{MESH}"), "s.toml:5", "aperture"),
+        toml(&format!("{CAMERA}aperture = 0.1\n{MESH}"), "s.toml:5", "needs focus"),
+        toml(&format!("{CAMERA}focus = 0.0\n{MESH}"), "s.toml:5", "focus is not a distance"),
         more("[film]\nwidth = 0\n", "s.toml:8", "width is outside"),
-        more(
-            "[film]\nwidth = 8\nheight = 70000\n",
-            "s.toml:9",
-            "height is outside",
-        ),
-        more(
-            "[render]\nintegrator = 'mis'\n",
-            "s.toml:8",
-            "`implicit` or `explicit`",
-        ),
+        more("[film]\nwidth = 8\nheight = 70000\n", "s.toml:9", "height is outside"),
+        more("[render]\nintegrator = 'mis'\n", "s.toml:8", "`implicit` or `explicit`"),
         more("[render]\nsamples = 0\n", "s.toml:8", "samples"),
         more("[render]\nmax_bounces = -2\n", "s.toml:8", "max_bounces"),
         more("[render]\nmax_bounces = -1\n", "s.toml:8", "need roulette"),
-        more(
-            "[render]\nroulette = 1.0\n",
-            "s.toml:8",
-            "roulette is outside",
-        ),
+        more("[render]\nroulette = 1.0\n", "s.toml:8", "roulette is outside"),
         more("[renderer]\n", "s.toml:7", "unknown field `renderer`"),
         more("[environment]\n", "s.toml:7", "needs radiance or file"),
-        more(
-            "[environment]\nradiance = [1, -1, 1]\n",
-            "s.toml:8",
-            "negative",
-        ),
-        more(
-            "[environment]\nradiance = [1, 1, 1]\nscale = 2\n",
-            "s.toml:9",
-            "multiply radiance",
-        ),
-        more(
-            "[environment]\nradiance = [1, 1, 1]\nfile = 'a.exr'\n",
-            "s.toml:9",
-            "exclude",
-        ),
-        more(
-            "[environment]\nfile = 'nowhere.exr'\n",
-            "s.toml:8",
-            "nowhere.exr",
-        ),
-        more(
-            "[environment]\nfile = 'a.exr'\nscale = -1\n",
-            "s.toml:9",
-            "scale is negative",
-        ),
-        more(
-            "[material.a]\nKd = [1, 2]\n",
-            "s.toml:8",
-            "Kd has 2 numbers",
-        ),
-        more(
-            "[material.a]\nKs = 'red'\n",
-            "s.toml:8",
-            "expected a number",
-        ),
+        more("[environment]\nradiance = [1, -1, 1]\n", "s.toml:8", "negative"),
+        more("[environment]\nradiance = [1, 1, 1]\nscale = 2\n", "s.toml:9", "multiply radiance"),
+        more("[environment]\nradiance = [1, 1, 1]\nfile = 'a.exr'\n", "s.toml:9", "exclude"),
+        more("[environment]\nfile = 'nowhere.exr'\n", "s.toml:8", "nowhere.exr"),
+        more("[environment]\nfile = 'a.exr'\nscale = -1\n", "s.toml:9", "scale is negative"),
+        more("[material.a]\nKd = [1, 2]\n", "s.toml:8", "Kd has 2 numbers"),
+        more("[material.a]\nKs = 'red'\n", "s.toml:8", "expected a number"),
         more("[material.a]\nNi = 0\n", "s.toml:8", "Ni is 0"),
         more("[material.a]\nKa = 0\n", "s.toml:8", "unknown field `Ka`"),
         toml(&placed("scale = [1, 0, 1]"), "s.toml:7", "flattens"),
-        toml(
-            &placed("scale = [1, 2]"),
-            "s.toml:7",
-            "one number, or three",
-        ),
-        toml(
-            &placed("rotate = [0, inf, 0]"),
-            "s.toml:7",
-            "rotate is not finite",
-        ),
+        toml(&placed("scale = [1, 2]"), "s.toml:7", "one number, or three"),
+        toml(&placed("rotate = [0, inf, 0]"), "s.toml:7", "rotate is not finite"),
         toml(&placed("translate = [0, 1e31, 0]"), "s.toml:7", "translate"),
-        toml(
-            &format!("{CAMERA}[[mesh]]\nfile = 'no.obj'\n"),
-            "s.toml:6",
-            "no.obj",
-        ),
-        toml(
-            &format!("{CAMERA}[[mesh]]\nscale = 1\n"),
-            "s.toml:5",
-            "missing field `file`",
-        ),
-        Refused {
-            files: vec![("s.toml", b"[camera]\n\xff".to_vec())],
-            at: "s.toml:2",
-            says: "UTF-8",
-        },
+        toml(&format!("{CAMERA}[[mesh]]\nfile = 'no.obj'\n"), "s.toml:6", "no.obj"),
+        toml(&format!("{CAMERA}[[mesh]]\nscale = 1\n"), "s.toml:5", "missing field `file`"),
+        Refused { files: vec![("s.toml", b"[camera]\n\xff".to_vec())], at: "s.toml:2", says: "UTF-8" },
         // OBJ
         obj("", "m.obj", "no faces"),
         obj("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "m.obj", "no faces"),
@@ -961,64 +747,20 @@ fn refused() -> Vec<Refused> {
         obj("v 0 0 0\nvn 0 1\n", "m.obj:2", "a normal needs 3"),
         obj("v 0 0 0\nf 1 1\n", "m.obj:2", "2 corners"),
         obj(&format!("{TRIANGLE}f 0 1 2\n"), "m.obj:5", "index 0"),
-        obj(
-            &format!("{TRIANGLE}f 1 2 4\n"),
-            "m.obj:5",
-            "vertex index 4 is out of range",
-        ),
-        obj(
-            &format!("{TRIANGLE}f 1 2 -4\n"),
-            "m.obj:5",
-            "only 3 stand above",
-        ),
-        obj(
-            &format!("{TRIANGLE}f 1/1 2/1 3/1\n"),
-            "m.obj:5",
-            "texture coordinate index 1",
-        ),
-        obj(
-            &format!("{TRIANGLE}f 1//1 2//1 3//1\n"),
-            "m.obj:5",
-            "normal index 1",
-        ),
-        obj(
-            &format!("{TRIANGLE}f 1//0 2//0 3//0\n"),
-            "m.obj:5",
-            "normal index 0",
-        ),
-        obj(
-            &format!("{TRIANGLE}f a b c\n"),
-            "m.obj:5",
-            "`a` is not a vertex index",
-        ),
-        obj(
-            &format!("{TRIANGLE}f 1.5 2 3\n"),
-            "m.obj:5",
-            "`1.5` is not a vertex index",
-        ),
-        obj(
-            &format!("{TRIANGLE}f 1///1 2 3\n"),
-            "m.obj:5",
-            "too many slashes",
-        ),
+        obj(&format!("{TRIANGLE}f 1 2 4\n"), "m.obj:5", "vertex index 4 is out of range"),
+        obj(&format!("{TRIANGLE}f 1 2 -4\n"), "m.obj:5", "only 3 stand above"),
+        obj(&format!("{TRIANGLE}f 1/1 2/1 3/1\n"), "m.obj:5", "texture coordinate index 1"),
+        obj(&format!("{TRIANGLE}f 1//1 2//1 3//1\n"), "m.obj:5", "normal index 1"),
+        obj(&format!("{TRIANGLE}f 1//0 2//0 3//0\n"), "m.obj:5", "normal index 0"),
+        obj(&format!("{TRIANGLE}f a b c\n"), "m.obj:5", "`a` is not a vertex index"),
+        obj(&format!("{TRIANGLE}f 1.5 2 3\n"), "m.obj:5", "`1.5` is not a vertex index"),
+        obj(&format!("{TRIANGLE}f 1///1 2 3\n"), "m.obj:5", "too many slashes"),
         obj(&format!("{TRIANGLE}f / 2 3\n"), "m.obj:5", "has no vertex"),
-        obj(
-            &format!("{TRIANGLE}f 99999999999999999999 2 3\n"),
-            "m.obj:5",
-            "not a vertex index",
-        ),
+        obj(&format!("{TRIANGLE}f 99999999999999999999 2 3\n"), "m.obj:5", "not a vertex index"),
         obj("v 0 0 0\nusemtl\n", "m.obj:2", "names no material"),
         obj("mtllib \n", "m.obj:1", "names no file"),
-        obj(
-            "v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n",
-            "s.toml",
-            "no triangle has an area",
-        ),
-        obj(
-            "v 0 0 0\nv 1e40 0 0\nv 0 1 0\nf 1 2 3\n",
-            "m.obj",
-            "beyond 1e30",
-        ),
+        obj("v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n", "s.toml", "no triangle has an area"),
+        obj("v 0 0 0\nv 1e40 0 0\nv 0 1 0\nf 1 2 3\n", "m.obj", "beyond 1e30"),
         // MTL
         mtl("Kd 1 1 1\n", "m.mtl:1", "belongs to no material"),
         mtl("newmtl\n", "m.mtl:1", "no name"),
@@ -1032,39 +774,17 @@ fn refused() -> Vec<Refused> {
         mtl("newmtl a\nNs 1 2\n", "m.mtl:2", "Ns has 2 numbers"),
         mtl("newmtl a\nNi -1.5\n", "m.mtl:2", "Ni is -1.5"),
         mtl("newmtl a\nillum 1.5\n", "m.mtl:2", "whole number"),
-        mtl(
-            "newmtl a\nillum glass\n",
-            "m.mtl:2",
-            "`glass` is not a number",
-        ),
+        mtl("newmtl a\nillum glass\n", "m.mtl:2", "`glass` is not a number"),
         mtl("newmtl a\nmap_Kd\n", "m.mtl:2", "no file name"),
         mtl("newmtl a\nmap_Kd nowhere.png\n", "m.mtl:2", "nowhere.png"),
         // Images
         with_image(b"not an image".to_vec(), "cannot be decoded"),
         with_image(png(4, 4, &[[9; 3]; 16])[..60].to_vec(), "cannot be decoded"),
-        with_image(
-            exr((1, 2), |_, y| [0.0, 0.0, -(y as f32)]),
-            "texel (0, 1) is (0, 0, -1)",
-        ),
+        with_image(exr((1, 2), |_, y| [0.0, 0.0, -(y as f32)]), "texel (0, 1) is (0, 0, -1)"),
         sky("a.exr", half_exr, "s.toml:8", "cannot be decoded"),
-        sky(
-            "a.xyz",
-            b"what".to_vec(),
-            "s.toml:8",
-            "no known image format",
-        ),
-        sky(
-            "a.exr",
-            exr((3, 2), |x, _| [-(x as f32), 0.0, 0.0]),
-            "s.toml:8",
-            "texel (1, 0)",
-        ),
-        sky(
-            "a.exr",
-            exr((3, 2), |_, y| [0.0, 1.0 / (1 - y as i32) as f32, 0.0]),
-            "s.toml:8",
-            "inf",
-        ),
+        sky("a.xyz", b"what".to_vec(), "s.toml:8", "no known image format"),
+        sky("a.exr", exr((3, 2), |x, _| [-(x as f32), 0.0, 0.0]), "s.toml:8", "texel (1, 0)"),
+        sky("a.exr", exr((3, 2), |_, y| [0.0, 1.0 / (1 - y as i32) as f32, 0.0]), "s.toml:8", "inf"),
     ]
 }
 
@@ -1074,11 +794,7 @@ fn what_is_wrong_is_said_in_one_line_with_its_place() {
     assert!(cases.len() >= 35);
     let mut failures = Vec::new();
     for case in cases {
-        let files: Vec<_> = case
-            .files
-            .iter()
-            .map(|(name, bytes)| (*name, bytes))
-            .collect();
+        let files: Vec<_> = case.files.iter().map(|(name, bytes)| (*name, bytes)).collect();
         let folder = Folder::new(&files);
         let place = format!("{}: ", folder.path(case.at).display());
         let message = match folder.load("s.toml") {
@@ -1150,21 +866,12 @@ fn load_any(files: &[(&str, Vec<u8>)], name: &str) {
                 indices == [NONE; 3] || indices.iter().all(|&index| (index as usize) < count)
             };
             for triangle in &scene.mesh.triangles {
-                assert!(
-                    triangle
-                        .positions
-                        .iter()
-                        .all(|&i| (i as usize) < scene.mesh.positions.len())
-                );
+                assert!(triangle.positions.iter().all(|&i| (i as usize) < scene.mesh.positions.len()));
                 assert!(within(triangle.normals, scene.mesh.normals.len()));
                 assert!(within(triangle.uvs, scene.mesh.uvs.len()));
                 let material = &scene.materials[triangle.material as usize];
                 assert!((material.kd + material.ks).max_element() <= 1.0001);
-                assert!(
-                    material
-                        .map_kd
-                        .is_none_or(|map| (map as usize) < scene.textures.len())
-                );
+                assert!(material.map_kd.is_none_or(|map| (map as usize) < scene.textures.len()));
             }
         }
     }

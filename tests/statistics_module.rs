@@ -5,16 +5,12 @@ use glam::{Vec3, vec3};
 use proptest::prelude::*;
 use raywave::film::Image;
 use raywave::stats::{
-    Bootstrap, Moments, SplitMix64, chi_square, compare_images, mean, median, normal_cdf,
-    normal_quantile, quantile, relative_squared_error, sidak_adjusted, sidak_level, standard_error,
-    variance, z_test,
+    Bootstrap, Moments, SplitMix64, chi_square, compare_images, mean, median, normal_cdf, normal_quantile, quantile,
+    relative_squared_error, sidak_adjusted, sidak_level, standard_error, variance, z_test,
 };
 
 fn assert_close(a: f64, b: f64, tolerance: f64) {
-    assert!(
-        (a - b).abs() <= tolerance,
-        "{a} is not {b} within {tolerance}"
-    );
+    assert!((a - b).abs() <= tolerance, "{a} is not {b} within {tolerance}");
 }
 
 /// A standard normal number.
@@ -45,20 +41,11 @@ fn mean_and_variance_of_known_lists() {
 #[test]
 fn quantiles_interpolate_as_numpy_does() {
     let values = [40.0, 15.0, 35.0, 20.0, 50.0];
-    for (q, expected) in [
-        (0.0, 15.0),
-        (0.05, 16.0),
-        (0.25, 20.0),
-        (0.4, 29.0),
-        (1.0, 50.0),
-    ] {
+    for (q, expected) in [(0.0, 15.0), (0.05, 16.0), (0.25, 20.0), (0.4, 29.0), (1.0, 50.0)] {
         assert_close(quantile(&values, q), expected, 1e-12);
     }
     assert_eq!(quantile(&[7.0], 0.3), 7.0);
-    assert_eq!(
-        quantile(&[1.0, f64::INFINITY, f64::INFINITY], 0.9),
-        f64::INFINITY
-    );
+    assert_eq!(quantile(&[1.0, f64::INFINITY, f64::INFINITY], 0.9), f64::INFINITY);
 }
 
 #[test]
@@ -155,11 +142,7 @@ fn sidak_shares_a_level_among_tests() {
     assert_close(sidak_level(0.05, 10), 0.005_116_196_891_823_74, 1e-15);
     // So many tests that 1 - level rounds to 1.
     let tests = 10_000_000;
-    assert_close(
-        sidak_level(0.01, tests) * tests as f64,
-        -(0.99f64.ln()),
-        1e-8,
-    );
+    assert_close(sidak_level(0.01, tests) * tests as f64, -(0.99f64.ln()), 1e-8);
     for tests in [1, 3, 10_000_000] {
         assert_close(sidak_adjusted(sidak_level(0.01, tests), tests), 0.01, 1e-12);
     }
@@ -171,9 +154,7 @@ fn sidak_shares_a_level_among_tests() {
 fn sidak_keeps_the_level_of_many_tests() {
     let mut random = SplitMix64::new(1);
     let level = sidak_level(0.1, 20);
-    let (rejected, error) = share(5000, 0.1, || {
-        (0..20).any(|_| z_test(normal(&mut random), 1.0).p < level)
-    });
+    let (rejected, error) = share(5000, 0.1, || (0..20).any(|_| z_test(normal(&mut random), 1.0).p < level));
     assert_close(rejected, 0.1, 4.0 * error);
 }
 
@@ -207,9 +188,7 @@ fn chi_square_holds_for_many_cells() {
             normal_cdf(-((statistic / dof).cbrt() - (1.0 - v)) / v.sqrt())
         };
         for apart in [0.01, 5.0, 9.9, 10.0, 10.2, 11.0, 30.0] {
-            let observed: Vec<f64> = (0..cells)
-                .map(|i| 100.0 + apart * f64::from(i % 2 * 2 - 1))
-                .collect();
+            let observed: Vec<f64> = (0..cells).map(|i| 100.0 + apart * f64::from(i % 2 * 2 - 1)).collect();
             let test = chi_square(&observed, &vec![100.0; cells as usize]);
             let expected = wilson_hilferty(test.statistic, test.degrees_of_freedom as f64);
             assert_close(test.p, expected, 1e-4);
@@ -272,11 +251,8 @@ fn chi_square_p_values_are_uniform_when_all_is_well_and_small_when_not() {
     assert!(uniform.p > 1e-4, "{deciles:?} {uniform:?}");
 
     let skewed: Vec<f64> = (0..30).map(|i| 0.77f64.powi(i)).collect();
-    let p = chi_square(
-        &throw(&mut random, &skewed, 20 * draws),
-        &expected.iter().map(|e| e * 20.0).collect::<Vec<_>>(),
-    )
-    .p;
+    let p =
+        chi_square(&throw(&mut random, &skewed, 20 * draws), &expected.iter().map(|e| e * 20.0).collect::<Vec<_>>()).p;
     assert!(p < 1e-6, "{p}");
 }
 
@@ -309,10 +285,7 @@ fn splitmix64_is_uniform_over_indices_and_the_unit_interval() {
         assert!((0.0..1.0).contains(&x));
         tenths[(x * 10.0) as usize] += 1.0;
     }
-    assert!(
-        chi_square(&indices, &[100_000.0 / 13.0; 13]).p > 1e-4,
-        "{indices:?}"
-    );
+    assert!(chi_square(&indices, &[100_000.0 / 13.0; 13]).p > 1e-4, "{indices:?}");
     assert!(chi_square(&tenths, &[10_000.0; 10]).p > 1e-4, "{tenths:?}");
 }
 
@@ -327,11 +300,7 @@ fn bootstrap_repeats_itself_and_orders_its_ends() {
     assert_eq!(estimate.value, 3.0);
     assert!(1.0 <= estimate.low && estimate.low <= 3.0);
     assert!(3.0 <= estimate.high && estimate.high <= 9.0);
-    let wider = Bootstrap {
-        confidence: 0.999,
-        ..bootstrap
-    }
-    .median(&values);
+    let wider = Bootstrap { confidence: 0.999, ..bootstrap }.median(&values);
     assert!(wider.low <= estimate.low && estimate.high <= wider.high);
     let none = bootstrap.median(&[]);
     assert!(none.value.is_nan() && none.low.is_nan() && none.high.is_nan());
@@ -345,12 +314,7 @@ fn bootstrap_repeats_itself_and_orders_its_ends() {
 fn bootstrap_finds_the_exact_quantiles_of_a_tiny_sample() {
     let values = [1.0, 2.0, 3.0];
     let interval = |confidence| {
-        let estimate = Bootstrap {
-            confidence,
-            resamples: 20_000,
-            seed: 4,
-        }
-        .median(&values);
+        let estimate = Bootstrap { confidence, resamples: 20_000, seed: 4 }.median(&values);
         (estimate.low, estimate.high)
     };
     // Tails of 0.25 < 7/27 reach the ends, tails of 0.27 do not.
@@ -361,11 +325,7 @@ fn bootstrap_finds_the_exact_quantiles_of_a_tiny_sample() {
 #[test]
 fn bootstrap_intervals_of_the_median_cover_as_they_say() {
     let mut random = SplitMix64::new(5);
-    let bootstrap = Bootstrap {
-        confidence: 0.9,
-        resamples: 500,
-        seed: 0,
-    };
+    let bootstrap = Bootstrap { confidence: 0.9, resamples: 500, seed: 0 };
     let (covered, error) = share(1000, 0.9, || {
         // Skewed, as run times are; the median of an exponential is ln 2.
         let sample: Vec<f64> = (0..41).map(|_| -(1.0 - random.next_f64()).ln()).collect();
@@ -379,16 +339,10 @@ fn bootstrap_intervals_of_the_median_cover_as_they_say() {
 #[test]
 fn bootstrap_intervals_of_a_ratio_of_medians_cover_as_they_say() {
     let mut random = SplitMix64::new(6);
-    let bootstrap = Bootstrap {
-        confidence: 0.9,
-        resamples: 500,
-        seed: 0,
-    };
+    let bootstrap = Bootstrap { confidence: 0.9, resamples: 500, seed: 0 };
     let (covered, error) = share(600, 0.9, || {
         let mut times = |median: f64, count| -> Vec<f64> {
-            (0..count)
-                .map(|_| median * (0.1 * normal(&mut random)).exp())
-                .collect()
+            (0..count).map(|_| median * (0.1 * normal(&mut random)).exp()).collect()
         };
         let estimate = bootstrap.ratio_of_medians(&times(3.0, 41), &times(2.0, 31));
         (estimate.low..=estimate.high).contains(&1.5)
@@ -449,12 +403,7 @@ fn an_image_equals_itself() {
 #[test]
 fn what_is_not_finite_is_counted_and_left_out() {
     let (nan, inf) = (f32::NAN, f32::INFINITY);
-    let a = image(&[
-        vec3(nan, nan, 1.0),
-        vec3(-inf, nan, 1.0),
-        Vec3::ONE,
-        Vec3::splat(3.0),
-    ]);
+    let a = image(&[vec3(nan, nan, 1.0), vec3(-inf, nan, 1.0), Vec3::ONE, Vec3::splat(3.0)]);
     let b = image(&[Vec3::ONE, Vec3::ONE, vec3(1.0, inf, 1.0), Vec3::ONE]);
     let comparison = compare_images(&a, &b).unwrap();
     let (in_a, in_b) = (comparison.non_finite_a, comparison.non_finite_b);
@@ -476,21 +425,14 @@ fn one_bit_is_a_difference() {
     let b = image(&[Vec3::ONE, Vec3::ONE, vec3(0.0, 0.0, -0.0), Vec3::ZERO]);
     let comparison = compare_images(&a, &b).unwrap();
     assert_eq!(comparison.share_of_differing_pixels, 0.5);
-    assert_close(
-        comparison.whole.max_abs_difference,
-        f64::from(f32::EPSILON),
-        1e-20,
-    );
+    assert_close(comparison.whole.max_abs_difference, f64::from(f32::EPSILON), 1e-20);
 }
 
 #[test]
 fn sizes_that_differ_are_an_error_that_says_both() {
     let error = compare_images(&image(&[Vec3::ONE; 2]), &image(&[Vec3::ONE; 3])).unwrap_err();
     let message = error.to_string();
-    assert!(
-        message.contains("2 x 1") && message.contains("3 x 1"),
-        "{message}"
-    );
+    assert!(message.contains("2 x 1") && message.contains("3 x 1"), "{message}");
 }
 
 #[test]

@@ -16,7 +16,6 @@ layout(set = 1, binding = 0, std430) CONTROL_ACCESS buffer Control {
     uint current_shadow_rays;   // what connect reads
     uint next_shadow_rays;      // what shade appends to
     uint ray_groups[3];         // workgroups of extend and shade
-    uint status;                // STATUS_* bits; 0 is well
     uint shadow_groups[3];      // workgroups of connect
     uint nonfinite_samples;     // left out of the film
     uint bounce_rays[2];        // traced so far: low and high half

@@ -132,11 +132,13 @@ Scatter scatter_specular(Material m, Surface surface, vec3 wo, float choice) {
     if (HAS_GLASS) {
         float eta = side > 0.0 ? m.ni : 1.0 / m.ni;
         float cos_i = min(dot(wo, n), 1.0);
-        float sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
-        float cos_t = sqrt(max(0.0, 1.0 - sin2_t));
-        float reflectance = sin2_t >= 1.0 ? 1.0 : 0.0;
+        // The squared cosine beyond, times eta squared: a sum of small numbers where the angle
+        // grazes and the indices are alike, so that matched glass is not seen.
+        float squared = (eta - 1.0) * (eta + 1.0) + cos_i * cos_i;
+        float cos_t = sqrt(max(0.0, squared)) / eta;
+        float reflectance = squared <= 0.0 ? 1.0 : 0.0;
         if (HAS_DIELECTRIC && (!HAS_REFRACTIVE || m.surface == SURFACE_DIELECTRIC)) {
-            reflectance = sin2_t >= 1.0 ? 1.0 : fresnel(cos_i, cos_t, eta);
+            reflectance = squared <= 0.0 ? 1.0 : fresnel(cos_i, cos_t, eta);
         }
         vec3 refracted = normalize((cos_i / eta - cos_t) * n - wo / eta);
         // Radiance scales with the square of the index.

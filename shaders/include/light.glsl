@@ -21,9 +21,10 @@ vec3 environment_texel(ivec2 at) {
     return uintBitsToFloat(fetch_environment(uint(at.y * width + at.x)).xyz);
 }
 
-// The centre column looks along -z, u grows towards +x, row 0 is +y.
+// The centre column looks along -z, u grows towards +x, row 0 is +y. The arc cosine would be
+// coarser: near the poles by nature, and elsewhere on some drivers.
 vec2 environment_uv(vec3 direction) {
-    return vec2(0.5 + atan(direction.x, -direction.z) / TWO_PI, acos(clamp(direction.y, -1.0, 1.0)) * INVERSE_PI);
+    return vec2(0.5 + atan(direction.x, -direction.z) / TWO_PI, atan(length(direction.xz), direction.y) * INVERSE_PI);
 }
 
 vec3 environment_radiance(vec3 direction) {
@@ -58,8 +59,8 @@ LightSample sample_lat_long(Surface surface, vec4 u) {
     float height = PI / size.y;
     float cos_range = 2.0 * sin(top + 0.5 * height) * sin(0.5 * height);
     float cos_theta = cos(top) - u.w * cos_range;
-    float sin_theta = sqrt(max(0.0, 1.0 - cos_theta * cos_theta));
-    vec3 direction = vec3(sin_theta * sin(phi), cos_theta, -sin_theta * cos(phi));
+    vec2 across = sqrt(max(0.0, 1.0 - cos_theta * cos_theta)) * on_circle(phi);
+    vec3 direction = vec3(across.y, cos_theta, -across.x);
     float pdf = probability / (TWO_PI / size.x * cos_range);
     return LightSample(leave(surface, direction), direction, NO_TRIANGLE, environment_radiance(direction) / pdf);
 }

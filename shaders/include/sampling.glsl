@@ -15,12 +15,16 @@ void basis(vec3 n, out vec3 tangent, out vec3 bitangent) {
     bitangent = vec3(b, s + n.y * n.y * a, -n.y);
 }
 
+// The unit vector at an angle in [-pi, 2 pi]. Drivers' sine and cosine may be off by 2^-11 each,
+// which a sharp lobe would see in the length of a direction.
+vec2 on_circle(float phi) { return normalize(vec2(cos(phi), sin(phi))); }
+
 // A direction at cosine cos_theta from the unit axis.
 vec3 around(vec3 axis, float cos_theta, float phi) {
     vec3 tangent, bitangent;
     basis(axis, tangent, bitangent);
-    float sin_theta = sqrt(max(0.0, 1.0 - cos_theta * cos_theta));
-    return tangent * (sin_theta * cos(phi)) + bitangent * (sin_theta * sin(phi)) + axis * cos_theta;
+    vec2 across = sqrt(max(0.0, 1.0 - cos_theta * cos_theta)) * on_circle(phi);
+    return tangent * across.x + bitangent * across.y + axis * cos_theta;
 }
 
 // Density cos / pi over solid angle.
@@ -32,11 +36,7 @@ vec3 sample_cosine_power(vec3 axis, float exponent, vec2 u) {
 }
 
 // Uniform over the unit disk. (Shirley and Chiu 1997)
-vec2 sample_disk(vec2 u) {
-    float r = sqrt(u.x);
-    float phi = TWO_PI * u.y;
-    return vec2(r * cos(phi), r * sin(phi));
-}
+vec2 sample_disk(vec2 u) { return sqrt(u.x) * on_circle(TWO_PI * u.y); }
 
 // Barycentrics of the second and third vertex, uniform over the triangle's area.
 vec2 sample_triangle(vec2 u) {

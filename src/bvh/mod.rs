@@ -8,7 +8,9 @@ mod traverse;
 use std::time::Duration;
 
 use glam::Vec3;
+use obvhs::aabb::Aabb;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 use obvhs::{BvhBuildParams, triangle::Triangle};
 
 pub use traverse::{Hit, Ray, intersect_triangle, trace_any, trace_closest};
@@ -19,6 +21,11 @@ use crate::layout::Node;
 /// Most triangles that a leaf reference can address.
 pub const MAX_TRIANGLES: usize = 1 << LEAF_COUNT_SHIFT;
 
+/// Levels after which the rest of a tree is balanced. Trees of scenes are shallower; but of boxes
+/// that coincide obvhs makes a chain as long as they are many, and the kernels' stack has an entry
+/// for each level.
+const FREE_LEVELS: u32 = 60;
+
 /// A BVH over triangles.
 #[derive(Debug)]
 pub struct Bvh {
@@ -26,7 +33,8 @@ pub struct Bvh {
     pub nodes: Vec<Node>,
     /// For each place in leaf order, the index of the triangle in the input.
     pub order: Vec<u32>,
-    /// Inner nodes on the longest way from the root to a leaf.
+    /// Inner nodes on the longest way from the root to a leaf, at most 60 more than in a balanced
+    /// tree of all leaves. A traversal never has more entries than that on its stack.
     pub depth: u32,
     /// Leaves that hold triangles.
     pub leaf_count: u32,
@@ -48,14 +56,15 @@ impl Bvh {
             triangles.iter().map(|t| Triangle { v0: t[0].into(), v1: t[1].into(), v2: t[2].into() }).collect();
         let params = BvhBuildParams { max_prims_per_leaf: LEAF_MAX_TRIANGLES, ..BvhBuildParams::medium_build() };
         let mut build_time = Duration::ZERO;
-        let tree = build_bvh2_from_tris(&input, params, &mut build_time);
+        let mut tree = build_bvh2_from_tris(&input, params, &mut build_time);
+        limit_depth(&mut tree);
         let mut bvh = Self { nodes: Vec::new(), order: Vec::new(), depth: 0, leaf_count: 0, sah_cost: 0.0, build_time };
         bvh.flatten(&tree);
         bvh
     }
 
     /// Lays the tree out depth first, and its triangles in the order of its leaves.
-    fn flatten(&mut self, tree: &obvhs::bvh2::Bvh2) {
+    fn flatten(&mut self, tree: &Bvh2) {
         self.order.reserve(tree.primitive_indices.len());
         let root_area = f64::from(tree.nodes[0].aabb.half_area()).max(f64::MIN_POSITIVE);
         if tree.nodes[0].is_leaf() {
@@ -94,7 +103,7 @@ impl Bvh {
         }
     }
 
-    fn set_box(&mut self, node: usize, side: Side, aabb: &obvhs::aabb::Aabb) {
+    fn set_box(&mut self, node: usize, side: Side, aabb: &Aabb) {
         let node = &mut self.nodes[node];
         let (low, high) = match side {
             Side::Left => (&mut node.left_low, &mut node.left_high),
@@ -104,7 +113,7 @@ impl Bvh {
         *high = aabb.max.into();
     }
 
-    fn push_leaf(&mut self, primitive_indices: &[u32], node: &obvhs::bvh2::node::Bvh2Node) -> u32 {
+    fn push_leaf(&mut self, primitive_indices: &[u32], node: &Bvh2Node) -> u32 {
         let first = self.order.len() as u32;
         let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
         self.order.extend(&primitive_indices[range]);
@@ -119,6 +128,51 @@ struct Subtree {
     /// The node that will refer to it, and from which side; none for the root.
     referrer: Option<(usize, Side)>,
     depth: u32,
+}
+
+/// Balances what lies under [`FREE_LEVELS`] levels, leaf after leaf in the order of the tree.
+fn limit_depth(tree: &mut Bvh2) {
+    let mut open = vec![(0, 1)];
+    while let Some((index, level)) = open.pop() {
+        let node = &tree.nodes[index];
+        if node.is_leaf() {
+            continue;
+        }
+        if level > FREE_LEVELS {
+            balance(tree, index);
+        } else {
+            let first = node.first_index as usize;
+            open.extend([(first, level + 1), (first + 1, level + 1)]);
+        }
+    }
+}
+
+/// Rebuilds a subtree in its own nodes: halves of its leaves, down to single ones.
+fn balance(tree: &mut Bvh2, root: usize) {
+    // Siblings lie side by side: an inner node tells the place of two others.
+    let (mut pairs, mut leaves) = (Vec::new(), Vec::new());
+    let mut open = vec![root];
+    while let Some(index) = open.pop() {
+        let node = tree.nodes[index];
+        if node.is_leaf() {
+            leaves.push(node);
+        } else {
+            pairs.push(node.first_index as usize);
+            open.extend([node.first_index as usize + 1, node.first_index as usize]);
+        }
+    }
+    let mut open = vec![(root, &leaves[..])];
+    while let Some((index, leaves)) = open.pop() {
+        if let [leaf] = leaves {
+            tree.nodes[index] = *leaf;
+        } else {
+            let first = pairs.pop().expect("a tree has an inner node fewer than leaves");
+            let aabb = leaves.iter().fold(Aabb::empty(), |aabb, leaf| aabb.union(&leaf.aabb));
+            tree.nodes[index] = Bvh2Node::new(aabb, 0, first as u32);
+            let (left, right) = leaves.split_at(leaves.len() / 2);
+            open.extend([(first, left), (first + 1, right)]);
+        }
+    }
 }
 
 #[derive(Clone, Copy)]

@@ -73,7 +73,9 @@ pub fn intersect_triangle(ray: &Ray, triangle: &Triangle) -> Option<(f32, [f32; 
 }
 
 fn safe_inverse(d: Vec3) -> Vec3 {
-    Vec3::from_array(d.to_array().map(|d| 1.0 / if d.abs() < 1e-20 { if d >= 0.0 { 1e-20 } else { -1e-20 } } else { d }))
+    Vec3::from_array(
+        d.to_array().map(|d| 1.0 / if d.abs() < 1e-20 { if d >= 0.0 { 1e-20 } else { -1e-20 } } else { d }),
+    )
 }
 
 /// As in `bvh.glsl`.
@@ -122,8 +124,8 @@ pub fn trace_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> Option<Hit
         for place in leaf.into_iter().flatten() {
             let triangle = &triangles[place as usize];
             let Some((distance, barycentrics)) = intersect_triangle(ray, triangle) else { continue };
-            let nearer = distance < nearest.distance
-                || (distance == nearest.distance && triangle.original < nearest_original);
+            let nearer =
+                distance < nearest.distance || (distance == nearest.distance && triangle.original < nearest_original);
             if nearer && place != ray.leaves {
                 nearest = Hit { triangle: place, barycentrics, distance };
                 nearest_original = triangle.original;

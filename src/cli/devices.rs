@@ -1,8 +1,10 @@
 //! `raywave devices`.
 
+use std::fmt::Write as _;
+
 use crate::gpu::{DeviceKind, Instance};
 
-use super::readable_bytes;
+use super::{print, readable_bytes};
 
 #[derive(Debug, clap::Args)]
 pub struct DevicesArguments {
@@ -15,27 +17,29 @@ pub fn run(arguments: &DevicesArguments) -> anyhow::Result<()> {
     let instance = Instance::new(false)?;
     let devices = instance.devices()?;
     let chosen = instance.choose(arguments.device.as_deref()).map(|device| device.name);
+    let mut text = String::new();
     for (number, device) in devices.iter().enumerate() {
         let mark = if chosen.as_ref().is_ok_and(|name| *name == device.name) { "  (chosen)" } else { "" };
-        println!("{number} {}{mark}", device.name);
-        println!("  kind             {}", kind_name(device.kind));
-        println!("  driver           {}", device.driver);
-        println!("  Vulkan           {}", device.vulkan_version);
+        writeln!(text, "{number} {}{mark}", device.name)?;
+        writeln!(text, "  kind             {}", kind_name(device.kind))?;
+        writeln!(text, "  driver           {}", device.driver)?;
+        writeln!(text, "  Vulkan           {}", device.vulkan_version)?;
         let ballot = if device.subgroup_ballot { "with ballots" } else { "no ballots" };
-        println!("  subgroup         {} lanes, {ballot}", device.subgroup_size);
-        println!("  workgroup        {} invocations at most", device.max_workgroup_size);
-        println!("  storage buffer   {} at most", readable_bytes(device.max_storage_buffer_bytes));
-        println!("  texel buffer     {} texels at most", device.max_texel_buffer_elements);
-        println!("  memory           {}", readable_bytes(device.memory_bytes));
+        writeln!(text, "  subgroup         {} lanes, {ballot}", device.subgroup_size)?;
+        writeln!(text, "  workgroup        {} invocations at most", device.max_workgroup_size)?;
+        writeln!(text, "  storage buffer   {} at most", readable_bytes(device.max_storage_buffer_bytes))?;
+        writeln!(text, "  texel buffer     {} texels at most", device.max_texel_buffer_elements)?;
+        writeln!(text, "  memory           {}", readable_bytes(device.memory_bytes))?;
         let clock = match device.timestamp_period {
             0.0 => "no timestamps".to_owned(),
             period => format!("{period} ns a tick"),
         };
-        println!("  clock            {clock}");
+        writeln!(text, "  clock            {clock}")?;
         if let Some(reason) = &device.unusable {
-            println!("  cannot be used   {reason}");
+            writeln!(text, "  cannot be used   {reason}")?;
         }
     }
+    print(&text)?;
     chosen?;
     Ok(())
 }

@@ -1,12 +1,12 @@
 //! `raywave diff`: how far an image is from a reference, in numbers and in false colour.
 
 use std::fmt;
-use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 
 use anyhow::Context;
 use serde::Serialize;
 
+use super::print;
 pub use crate::export::heatmap::HeatmapScale;
 use crate::export::heatmap::heatmap;
 use crate::film::{WriteOptions, check_output, read_image, write_image};
@@ -29,13 +29,7 @@ pub struct DiffArguments {
     #[arg(long, value_name = "FILE.png")]
     pub heatmap: Option<PathBuf>,
     /// What the heatmap shows
-    #[arg(
-        long,
-        value_enum,
-        value_name = "SCALE",
-        default_value_t,
-        requires = "heatmap"
-    )]
+    #[arg(long, value_enum, value_name = "SCALE", default_value_t, requires = "heatmap")]
     pub scale: HeatmapScale,
     /// Print red, green and blue beside the whole
     #[arg(long)]
@@ -57,11 +51,7 @@ pub fn run(arguments: &DiffArguments) -> anyhow::Result<()> {
     } else {
         report.to_string()
     };
-    match std::io::stdout().lock().write_all(text.as_bytes()) {
-        // Whoever reads has read enough, as `head` does.
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-        outcome => outcome.context("cannot print the report"),
-    }
+    print(&text)
 }
 
 /// Everything [`run`] does but the printing.
@@ -83,21 +73,10 @@ pub fn diff(arguments: &DiffArguments) -> anyhow::Result<Report> {
         Some(path) => {
             let (image, low, high) = heatmap(&a, &b, arguments.scale);
             write_image(path, &image, &WriteOptions::default())?;
-            Some(Heatmap {
-                path: path.clone(),
-                scale: arguments.scale,
-                low,
-                high,
-            })
+            Some(Heatmap { path: path.clone(), scale: arguments.scale, low, high })
         }
     };
-    Ok(Report {
-        a: arguments.a.clone(),
-        b: arguments.b.clone(),
-        comparison,
-        heatmap,
-        channels: arguments.channels,
-    })
+    Ok(Report { a: arguments.a.clone(), b: arguments.b.clone(), comparison, heatmap, channels: arguments.channels })
 }
 
 /// A comparison with the names of what was compared. It displays as aligned lines and serializes
@@ -137,27 +116,16 @@ impl fmt::Display for Report {
         let pixels = u64::from(comparison.width) * u64::from(comparison.height);
         let mut columns = vec![("all", &comparison.whole)];
         if self.channels {
-            columns.extend(
-                ["red", "green", "blue"]
-                    .into_iter()
-                    .zip(&comparison.channels),
-            );
+            columns.extend(["red", "green", "blue"].into_iter().zip(&comparison.channels));
         }
         writeln!(f, "{:<20}{}", "a", self.a.display())?;
         writeln!(f, "{:<20}{}", "b", self.b.display())?;
         let (width, height) = (comparison.width, comparison.height);
         writeln!(f, "{:<20}{width} x {height}", "size")?;
-        writeln!(
-            f,
-            "{:<20}{} of {pixels}",
-            "compared_pixels", comparison.compared_pixels
-        )?;
+        writeln!(f, "{:<20}{} of {pixels}", "compared_pixels", comparison.compared_pixels)?;
         let differing = 100.0 * comparison.share_of_differing_pixels;
         writeln!(f, "{:<20}{differing:.4} %", "differing_pixels")?;
-        for (name, count) in [
-            ("a", comparison.non_finite_a),
-            ("b", comparison.non_finite_b),
-        ] {
+        for (name, count) in [("a", comparison.non_finite_a), ("b", comparison.non_finite_b)] {
             let name = format!("non_finite_{name}");
             let (nan, inf) = (count.nan_count, count.inf_count);
             writeln!(f, "{name:<20}{nan} nan, {inf} inf")?;
@@ -187,11 +155,7 @@ impl fmt::Display for Report {
         if let Some(heatmap) = &self.heatmap {
             let (scale, low, high) = (heatmap.scale, heatmap.low, heatmap.high);
             let path = heatmap.path.display();
-            writeln!(
-                f,
-                "{:<20}{path}: {scale}, {low} black to {high} yellow",
-                "heatmap"
-            )?;
+            writeln!(f, "{:<20}{path}: {scale}, {low} black to {high} yellow", "heatmap")?;
         }
         Ok(())
     }

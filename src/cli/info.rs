@@ -1,12 +1,13 @@
 //! `raywave info`.
 
+use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use crate::bvh::Bvh;
 use crate::layout;
 use crate::render::PreparedScene;
 
-use super::{load_scene, readable_bytes};
+use super::{load_scene, print, readable_bytes};
 
 /// Tell what a scene holds: triangles, materials, lights, bounds, BVH, memory
 #[derive(Debug, clap::Args)]
@@ -20,31 +21,37 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
     let prepared = PreparedScene::new(&scene)?;
     let (low, high) = scene.bounds();
     let triangles = scene.mesh.triangles.len();
-    println!("scene            {}", scene.name);
-    println!("hash             {}", scene.hash);
-    println!("triangles        {triangles}");
-    println!("vertices         {}", scene.mesh.positions.len());
-    println!("materials        {}", scene.materials.len());
-    println!("textures         {}", scene.textures.len());
-    println!("light triangles  {}", prepared.lights.len());
-    println!("environment      {}", environment(&scene));
-    println!("bounds           {low} to {high}");
-    println!("needs            {}", needs(&prepared));
+    let mut text = String::new();
+    writeln!(text, "scene            {}", scene.name)?;
+    writeln!(text, "hash             {}", scene.hash)?;
+    writeln!(text, "triangles        {triangles}")?;
+    writeln!(text, "vertices         {}", scene.mesh.positions.len())?;
+    writeln!(text, "materials        {}", scene.materials.len())?;
+    writeln!(text, "textures         {}", scene.textures.len())?;
+    writeln!(text, "light triangles  {}", prepared.lights.len())?;
+    writeln!(text, "environment      {}", environment(&scene))?;
+    writeln!(text, "bounds           {low} to {high}")?;
+    writeln!(text, "needs            {}", needs(&prepared))?;
     let Bvh { nodes, depth, leaf_count, sah_cost, build_time, .. } = &prepared.bvh;
-    println!("BVH nodes        {}", nodes.len());
-    println!("BVH leaves       {leaf_count}, {:.2} triangles each", triangles as f64 / f64::from(*leaf_count));
-    println!("BVH depth        {depth}");
-    println!("BVH SAH cost     {sah_cost:.2}");
+    writeln!(text, "BVH nodes        {}", nodes.len())?;
+    writeln!(text, "BVH leaves       {leaf_count}, {:.2} triangles each", triangles as f64 / f64::from(*leaf_count))?;
+    writeln!(text, "BVH depth        {depth}")?;
+    writeln!(text, "BVH SAH cost     {sah_cost:.2}")?;
     let speed = triangles as f64 / build_time.as_secs_f64() / 1e6;
-    println!("BVH build        {:.1} ms, {speed:.2} M triangles/s", build_time.as_secs_f64() * 1e3);
+    writeln!(text, "BVH build        {:.1} ms, {speed:.2} M triangles/s", build_time.as_secs_f64() * 1e3)?;
     let buffers = prepared.buffer_bytes();
     let total: u64 = buffers.iter().map(|(_, bytes)| bytes).sum();
-    println!("device memory    {}, {:.1} bytes a triangle", readable_bytes(total), total as f64 / triangles as f64);
+    writeln!(
+        text,
+        "device memory    {}, {:.1} bytes a triangle",
+        readable_bytes(total),
+        total as f64 / triangles as f64
+    )?;
     for (name, bytes) in buffers {
-        println!("  {name:<20} {}", readable_bytes(bytes));
+        writeln!(text, "  {name:<20} {}", readable_bytes(bytes))?;
     }
-    println!("frame            {} bytes", size_of::<layout::Frame>());
-    Ok(())
+    writeln!(text, "frame            {} bytes", size_of::<layout::Frame>())?;
+    print(&text)
 }
 
 fn environment(scene: &crate::scene::Scene) -> String {

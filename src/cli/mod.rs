@@ -9,7 +9,8 @@ pub mod diff;
 mod info;
 mod render;
 
-use std::path::PathBuf;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
@@ -61,7 +62,7 @@ pub fn main() -> ExitCode {
             return ExitCode::from(2);
         }
         Err(error) => {
-            eprintln!("{}", one_line(&error));
+            eprintln!("{}", without_usage(&error));
             return ExitCode::from(2);
         }
     };
@@ -77,7 +78,8 @@ pub fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            // Names of files may hold line breaks.
+            eprintln!("error: {}", format!("{error:#}").replace(char::is_control, " "));
             exit_code(&error)
         }
     }
@@ -102,7 +104,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
 }
 
 /// What clap has to say about wrong arguments, without usage, in one line.
-fn one_line(error: &clap::Error) -> String {
+fn without_usage(error: &clap::Error) -> String {
     let text = error.to_string();
     let said: Vec<_> = text
         .lines()
@@ -114,7 +116,7 @@ fn one_line(error: &clap::Error) -> String {
 }
 
 /// The scene of that path, or the built-in Cornell box. Its warnings go to stderr unless quiet.
-fn load_scene(path: Option<&std::path::Path>, quiet: bool) -> anyhow::Result<Scene> {
+fn load_scene(path: Option<&Path>, quiet: bool) -> anyhow::Result<Scene> {
     let scene = match path {
         Some(path) => Scene::load(path)?,
         None => Scene::cornell_box(),
@@ -127,13 +129,21 @@ fn load_scene(path: Option<&std::path::Path>, quiet: bool) -> anyhow::Result<Sce
     Ok(scene)
 }
 
+/// Prints data. A reader that has read enough, as `head` does, is no error.
+fn print(text: &str) -> anyhow::Result<()> {
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        outcome => outcome.context("cannot print"),
+    }
+}
+
 /// Says whether a text file can be written there, before the work begins.
-fn check_text_output(path: &std::path::Path) -> anyhow::Result<()> {
+fn check_text_output(path: &Path) -> anyhow::Result<()> {
     crate::whole_file::check(path).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
 /// Writes a text file whole.
-fn write_text(path: &std::path::Path, text: &str) -> anyhow::Result<()> {
+fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
     crate::whole_file::write(path, |file| file.write_all(text.as_bytes()))
         .with_context(|| format!("{}: cannot be written", path.display()))
 }

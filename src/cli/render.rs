@@ -2,7 +2,7 @@
 
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -77,7 +77,11 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     check_output(&arguments.output)?;
     if let Some(stats) = &arguments.stats {
         check_text_output(stats)?;
-        ensure!(*stats != arguments.output, "{}: --stats and --output name the same file", stats.display());
+        ensure!(
+            !is_same_file(stats, &arguments.output)?,
+            "{}: --stats and --output name the same file",
+            stats.display()
+        );
     }
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
     let settings = resolve(arguments, &scene)?;
@@ -100,6 +104,12 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         summarise(arguments, &settings, &outcome.statistics);
     }
     Ok(())
+}
+
+/// Whether two paths whose folders exist name one file, however they are spelled.
+fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
+    let folder = |path: &Path| std::path::absolute(path)?.parent().unwrap_or(path).canonicalize();
+    Ok(a.file_name() == b.file_name() && folder(a)? == folder(b)?)
 }
 
 /// The scene's settings, with what the command line says instead.
@@ -214,9 +224,7 @@ impl Report<'_> {
         let kernels: Map<_, _> = statistics
             .kernels
             .iter()
-            .map(|(name, time)| {
-                ((*name).to_owned(), json!({ "gpu_seconds": time.seconds, "launches": time.launches }))
-            })
+            .map(|(name, time)| ((*name).to_owned(), json!({ "gpu_seconds": time.seconds, "launches": time.launches })))
             .collect();
         json!({
             "settings": self.settings(statistics),

@@ -102,10 +102,6 @@ pub enum FilmError {
 impl FilmError {
     /// What a decoder reports of damaged contents.
     pub(super) fn decode(path: &Path, format: &'static str, cause: impl ToString) -> Self {
-        Self::Decode {
-            path: path.to_path_buf(),
-            format,
-            cause: cause.to_string(),
-        }
+        Self::Decode { path: path.to_path_buf(), format, cause: cause.to_string() }
     }
 }

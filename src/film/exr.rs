@@ -13,8 +13,8 @@ use std::path::Path;
 
 use exr::{
     image::{
-        AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer, SpecificChannels,
-        read, write::WritableImage,
+        AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer, SpecificChannels, read,
+        write::WritableImage,
     },
     math::Vec2,
     meta::{MetaData, header::LayerAttributes},
@@ -63,20 +63,12 @@ pub fn encode(image: &Image, metadata: &[(String, String)]) -> Result<Vec<u8>, S
         channels,
     );
     let mut bytes = Vec::new();
-    ExrImage::from_layer(layer)
-        .write()
-        .to_buffered(Cursor::new(&mut bytes))
-        .map_err(|error| error.to_string())?;
-    insert_metadata(bytes, metadata, height.div_ceil(LINES_PER_CHUNK))
-        .map_err(|error| error.to_string())
+    ExrImage::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes)).map_err(|error| error.to_string())?;
+    insert_metadata(bytes, metadata, height.div_ceil(LINES_PER_CHUNK)).map_err(|error| error.to_string())
 }
 
 /// Adds text attributes at the end of the header and moves the chunk offsets accordingly.
-fn insert_metadata(
-    mut file: Vec<u8>,
-    metadata: &[(String, String)],
-    chunks: usize,
-) -> io::Result<Vec<u8>> {
+fn insert_metadata(mut file: Vec<u8>, metadata: &[(String, String)], chunks: usize) -> io::Result<Vec<u8>> {
     let mut reader = Cursor::new(&file[PREAMBLE..]);
     while Attribute::read(&mut reader)?.is_some() {}
     // The reader stands behind the NUL that ends the header.
@@ -84,8 +76,8 @@ fn insert_metadata(
 
     let mut attributes = Vec::new();
     for (key, text) in metadata {
-        let size = i32::try_from(text.len())
-            .map_err(|_| io::Error::other(format!("the metadata {key} exceeds 2 GiB")))?;
+        let size =
+            i32::try_from(text.len()).map_err(|_| io::Error::other(format!("the metadata {key} exceeds 2 GiB")))?;
         attributes.extend([key.as_bytes(), b"\0string\0", &size.to_le_bytes()].concat());
         attributes.extend(text.as_bytes());
     }
@@ -108,9 +100,7 @@ pub fn text_attributes(mut reader: impl BufRead) -> io::Result<Vec<(String, Stri
     let mut preamble = [0; PREAMBLE];
     reader.read_exact(&mut preamble)?;
     if preamble[..4] != MAGIC {
-        return Err(io::Error::other(
-            "it does not begin with the EXR magic number",
-        ));
+        return Err(io::Error::other("it does not begin with the EXR magic number"));
     }
     let mut texts = Vec::new();
     while let Some(attribute) = Attribute::read(&mut reader)? {
@@ -144,9 +134,7 @@ impl Attribute {
         let mut value = Vec::new();
         reader.take(size).read_to_end(&mut value)?;
         if value.len() as u64 != size {
-            return Err(io::Error::other(format!(
-                "it ends within the attribute {name}"
-            )));
+            return Err(io::Error::other(format!("it ends within the attribute {name}")));
         }
         Ok(Some(Self { name, kind, value }))
     }
@@ -169,11 +157,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Image, FilmError> {
     // The header first: it is small, and says whether the rest fits into memory.
     let meta = MetaData::read_from_buffered(bytes, false).map_err(damaged)?;
     for header in &meta.headers {
-        check_size(
-            path,
-            header.layer_size.width() as u64,
-            header.layer_size.height() as u64,
-        )?;
+        check_size(path, header.layer_size.width() as u64, header.layer_size.height() as u64)?;
     }
     let file = read::read()
         .no_deep_data()
@@ -187,8 +171,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Image, FilmError> {
     for layer in &file.layer_data {
         if let Some(colour) = colour_channels(&layer.channel_data) {
             let [mut r, mut g, mut b] = colour.map(|channel| channel.sample_data.values_as_f32());
-            let pixels: Vec<Vec3> =
-                std::iter::from_fn(|| Some(Vec3::new(r.next()?, g.next()?, b.next()?))).collect();
+            let pixels: Vec<Vec3> = std::iter::from_fn(|| Some(Vec3::new(r.next()?, g.next()?, b.next()?))).collect();
             let Vec2(width, height) = layer.size;
             return Ok(Image::new(width as u32, height as u32, pixels));
         }
@@ -197,10 +180,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Image, FilmError> {
         let channels = layer.channel_data.list.iter();
         channels.map(|channel| channel.name.to_string())
     });
-    Err(FilmError::NoColour {
-        path: path.to_path_buf(),
-        channels: names.collect::<Vec<_>>().join(", "),
-    })
+    Err(FilmError::NoColour { path: path.to_path_buf(), channels: names.collect::<Vec<_>>().join(", ") })
 }
 
 /// The channels that hold red, green and blue: `R`, `G`, `B`; else luminance `Y` for all three;
@@ -212,13 +192,8 @@ fn colour_channels(channels: &AnyChannels<FlatSamples>) -> Option<[&AnyChannel<F
         // A subsampled channel has fewer values than pixels.
         list.find(|channel| channel.name == *name && channel.sampling == Vec2(1, 1))
     };
-    let group = |prefix: &str| {
-        Some([
-            find(&format!("{prefix}R"))?,
-            find(&format!("{prefix}G"))?,
-            find(&format!("{prefix}B"))?,
-        ])
-    };
+    let group =
+        |prefix: &str| Some([find(&format!("{prefix}R"))?, find(&format!("{prefix}G"))?, find(&format!("{prefix}B"))?]);
     let luminance = || {
         // Beside these Y is one part of a colour: of CIE XYZ, or of luminance and chroma.
         let has = |name: &&str| channels.list.iter().any(|channel| channel.name == **name);

@@ -43,9 +43,7 @@ impl Format {
             "exr" => Ok(Self::Exr),
             "png" => Ok(Self::Png),
             "hdr" => Ok(Self::Hdr),
-            _ => Err(FilmError::UnknownFormat {
-                path: path.to_path_buf(),
-            }),
+            _ => Err(FilmError::UnknownFormat { path: path.to_path_buf() }),
         }
     }
 }
@@ -87,20 +85,11 @@ pub fn write_image(path: &Path, image: &Image, options: &WriteOptions) -> Result
 /// # Errors
 ///
 /// As [`write_image`], as far as they do not concern the disk.
-pub fn image_bytes(
-    path: &Path,
-    image: &Image,
-    options: &WriteOptions,
-) -> Result<Vec<u8>, FilmError> {
+pub fn image_bytes(path: &Path, image: &Image, options: &WriteOptions) -> Result<Vec<u8>, FilmError> {
     let format = Format::of(path)?;
     let pixels = image.pixels.len();
     if pixels == 0 || pixels as u64 != u64::from(image.width) * u64::from(image.height) {
-        return Err(FilmError::Shape {
-            path: path.to_path_buf(),
-            width: image.width,
-            height: image.height,
-            pixels,
-        });
+        return Err(FilmError::Shape { path: path.to_path_buf(), width: image.width, height: image.height, pixels });
     }
     check_metadata(path, options.metadata)?;
     let encoded = match format {
@@ -126,10 +115,7 @@ pub fn image_bytes(
 /// of more than [`MAX_PIXELS`].
 pub fn read_image(path: &Path) -> Result<Image, FilmError> {
     let format = Format::of(path)?;
-    let bytes = fs::read(path).map_err(|cause| FilmError::Open {
-        path: path.to_path_buf(),
-        cause,
-    })?;
+    let bytes = fs::read(path).map_err(|cause| FilmError::Open { path: path.to_path_buf(), cause })?;
     match format {
         Format::Exr => exr::decode(path, &bytes),
         Format::Png => decode_png(path, &bytes),
@@ -145,27 +131,17 @@ pub fn read_image(path: &Path) -> Result<Image, FilmError> {
 /// A file that is not EXR, missing or damaged.
 pub fn read_metadata(path: &Path) -> Result<Vec<(String, String)>, FilmError> {
     if Format::of(path)? != Format::Exr {
-        return Err(FilmError::NoMetadata {
-            path: path.to_path_buf(),
-        });
+        return Err(FilmError::NoMetadata { path: path.to_path_buf() });
     }
-    let file = File::open(path).map_err(|cause| FilmError::Open {
-        path: path.to_path_buf(),
-        cause,
-    })?;
-    exr::text_attributes(BufReader::new(file))
-        .map_err(|cause| FilmError::decode(path, "EXR", cause))
+    let file = File::open(path).map_err(|cause| FilmError::Open { path: path.to_path_buf(), cause })?;
+    exr::text_attributes(BufReader::new(file)).map_err(|cause| FilmError::decode(path, "EXR", cause))
 }
 
 /// Refuses what would not fit into memory.
 pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(), FilmError> {
     match width.checked_mul(height) {
         Some(pixels) if pixels <= MAX_PIXELS => Ok(()),
-        _ => Err(FilmError::TooLarge {
-            path: path.to_path_buf(),
-            width,
-            height,
-        }),
+        _ => Err(FilmError::TooLarge { path: path.to_path_buf(), width, height }),
     }
 }
 
@@ -174,21 +150,14 @@ fn check_metadata(path: &Path, metadata: &[(String, String)]) -> Result<(), Film
         let repeated = metadata[..index].iter().any(|(earlier, _)| earlier == key);
         let fault = exr::key_fault(key).or(repeated.then_some("use every key once"));
         if let Some(rule) = fault {
-            return Err(FilmError::MetadataKey {
-                path: path.to_path_buf(),
-                key: key.clone(),
-                rule,
-            });
+            return Err(FilmError::MetadataKey { path: path.to_path_buf(), key: key.clone(), rule });
         }
     }
     Ok(())
 }
 
 fn unwritable(path: &Path) -> impl FnOnce(io::Error) -> FilmError {
-    |cause| FilmError::Write {
-        path: path.to_path_buf(),
-        cause,
-    }
+    |cause| FilmError::Write { path: path.to_path_buf(), cause }
 }
 
 fn png_bytes(image: &Image, exposure: f32) -> Result<Vec<u8>, String> {
@@ -212,9 +181,7 @@ fn decode_png(path: &Path, bytes: &[u8]) -> Result<Image, FilmError> {
     let (width, height) = decoder.dimensions();
     check_size(path, width.into(), height.into())?;
     // 8-bit codes become 16-bit codes by * 257, so code / largest code stays the same number.
-    let codes = DynamicImage::from_decoder(decoder)
-        .map_err(damaged)?
-        .into_rgb16();
+    let codes = DynamicImage::from_decoder(decoder).map_err(damaged)?.into_rgb16();
     let pixels = codes
         .pixels()
         .map(|pixel| {

@@ -13,9 +13,7 @@ pub mod srgb;
 use glam::Vec3;
 
 pub use error::FilmError;
-pub use files::{
-    MAX_PIXELS, WriteOptions, check_output, image_bytes, read_image, read_metadata, write_image,
-};
+pub use files::{MAX_PIXELS, WriteOptions, check_output, image_bytes, read_image, read_metadata, write_image};
 pub use moments::{FilmMoments, ImageMean};
 
 /// An image of linear radiance, Rec. 709 primaries.
@@ -42,10 +40,6 @@ impl Image {
             u64::from(width) * u64::from(height),
             "a {width} x {height} image needs one entry for each pixel",
         );
-        Self {
-            width,
-            height,
-            pixels,
-        }
+        Self { width, height, pixels }
     }
 }

@@ -47,8 +47,7 @@ impl FilmMoments {
     /// part of it.
     pub fn mean_and_standard_error(&self) -> ImageMean {
         let pixels = self.sum.len();
-        let sum_of =
-            |of: &dyn Fn(usize) -> DVec3| (0..pixels).map(of).fold(DVec3::ZERO, |a, b| a + b);
+        let sum_of = |of: &dyn Fn(usize) -> DVec3| (0..pixels).map(of).fold(DVec3::ZERO, |a, b| a + b);
         let variance = sum_of(&|pixel| self.pixel_variance_of_mean(pixel));
         ImageMean {
             mean: sum_of(&|pixel| self.pixel_mean(pixel)) / pixels as f64,

@@ -19,11 +19,8 @@ const MAX_EXPONENT: i32 = 255;
 /// when it opens with (2, 2, < 128) or (1, 1, 1), and the largest mantissa written here is 0 or at
 /// least 128.
 pub fn encode(image: &Image) -> Vec<u8> {
-    let mut bytes = format!(
-        "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {} +X {}\n",
-        image.height, image.width
-    )
-    .into_bytes();
+    let mut bytes =
+        format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {} +X {}\n", image.height, image.width).into_bytes();
     bytes.extend(image.pixels.iter().flat_map(|&pixel| rgbe(pixel)));
     bytes
 }
@@ -31,9 +28,7 @@ pub fn encode(image: &Image) -> Vec<u8> {
 /// One pixel. Negative light and NaN become 0, too much becomes the largest value there is.
 fn rgbe(radiance: Vec3) -> [u8; 4] {
     // `max` prefers the number to NaN.
-    let light = radiance
-        .to_array()
-        .map(|channel| f64::from(channel.max(0.0)));
+    let light = radiance.to_array().map(|channel| f64::from(channel.max(0.0)));
     let largest = light[0].max(light[1]).max(light[2]);
     if largest < f64::from(f32::MIN_POSITIVE) {
         return [0; 4];

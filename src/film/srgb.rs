@@ -5,20 +5,12 @@
 
 /// Linear light to the sRGB signal. Meant for [0, 1], which it maps onto [0, 1].
 pub fn encode(linear: f64) -> f64 {
-    if linear <= 0.003_130_8 {
-        12.92 * linear
-    } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
-    }
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// The sRGB signal to linear light, the inverse of [`encode`]. Meant for [0, 1].
 pub fn decode(signal: f64) -> f64 {
-    if signal <= 0.040_45 {
-        signal / 12.92
-    } else {
-        ((signal + 0.055) / 1.055).powf(2.4)
-    }
+    if signal <= 0.040_45 { signal / 12.92 } else { ((signal + 0.055) / 1.055).powf(2.4) }
 }
 
 /// Linear light to an 8-bit sRGB code, rounded to the nearest. Light outside [0, 1] is clamped;

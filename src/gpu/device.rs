@@ -32,8 +32,9 @@ impl Device {
     /// # Errors
     /// When the driver refuses.
     pub fn open(instance: &Arc<Instance>, description: DeviceDescription) -> Result<Self, GpuError> {
-        let queues =
-            [vk::DeviceQueueCreateInfo::default().queue_family_index(description.queue_family).queue_priorities(&[1.0])];
+        let queues = [vk::DeviceQueueCreateInfo::default()
+            .queue_family_index(description.queue_family)
+            .queue_priorities(&[1.0])];
         let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues);
         // SAFETY: the physical device comes from this instance; `info` holds locals only.
         let raw = unsafe { instance.raw.create_device(description.raw, &info, None) }.during("opening the device")?;

@@ -25,7 +25,9 @@ pub enum GpuError {
     NoValidationLayer,
     #[error("{buffer} needs {needed} bytes in one buffer and the device allows {allowed}; {advice}")]
     BufferTooLarge { buffer: &'static str, needed: u64, allowed: u64, advice: &'static str },
-    #[error("the render needs {needed} bytes of device memory and the device has {available}; use a smaller scene, image or --in-flight")]
+    #[error(
+        "the render needs {needed} bytes of device memory and the device has {available}; use a smaller scene, image or --in-flight"
+    )]
     OutOfMemory { needed: u64, available: u64 },
     #[error("memory for {buffer} ({bytes} bytes) could not be had: {source}")]
     Allocation { buffer: &'static str, bytes: u64, source: gpu_allocator::AllocationError },

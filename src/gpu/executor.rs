@@ -11,7 +11,7 @@ use super::device::{Device, Shared};
 use super::error::{Action, GpuError};
 use super::pipeline::{Pipelines, descriptor_type};
 use crate::recording::{Pass, Recording};
-use crate::shaders::{self, BindingKind};
+use crate::shaders::{Access, BindingKind, Kernel};
 
 /// How kernels see a buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,11 +43,14 @@ pub struct BufferRole<'a> {
 /// What an executor is made from.
 pub struct ExecutorDescription<'a> {
     /// Kernels that recordings will name.
-    pub kernels: &'a [&'static str],
+    pub kernels: &'a [&'static Kernel],
     /// Specialization constants by id.
     pub specialization: &'a [u32],
     /// Every buffer that the kernels bind.
     pub buffers: Vec<BufferRole<'a>>,
+    /// How kernels are to reach memory, as far as the device can; without, the way that is
+    /// fastest on its kind.
+    pub access: Option<Access>,
 }
 
 /// Time and launches of a kernel.
@@ -77,7 +80,7 @@ pub struct Executor {
     next_slot: usize,
     staging: Buffer,
     times: BTreeMap<&'static str, KernelTime>,
-    texel_fetch: bool,
+    access: Access,
     memory_bytes: u64,
     device: Arc<Shared>,
 }
@@ -110,7 +113,11 @@ impl Executor {
         let scene = |role: &&BufferRole<'_>| matches!(role.usage, BufferUse::Scene { .. });
         let all_texels = description.buffers.iter().filter(scene).all(fits_texels);
         let all_storage = description.buffers.iter().filter(scene).all(fits_storage);
-        let texel_fetch = all_texels && (limits.kind == super::DeviceKind::Cpu || !all_storage);
+        let wanted = description
+            .access
+            .unwrap_or(Access { texel_fetch: limits.kind == super::DeviceKind::Cpu, subgroup_ballot: true });
+        let texel_fetch = all_texels && (wanted.texel_fetch || !all_storage);
+        let access = Access { texel_fetch, subgroup_ballot: wanted.subgroup_ballot && limits.subgroup_ballot };
         for role in &description.buffers {
             let advice = match role.usage {
                 BufferUse::Scene { .. } => "use a smaller scene",
@@ -127,7 +134,7 @@ impl Executor {
             return Err(GpuError::OutOfMemory { needed, available: limits.memory_bytes });
         }
 
-        let variant = shaders::variant_index(texel_fetch, limits.subgroup_ballot);
+        let variant = access.variant_index();
         let pipelines = Pipelines::new(shared, description.kernels, variant, description.specialization)?;
         let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let staging = Buffer::new(shared, "staging", STAGING_BYTES, transfer, MemoryLocation::CpuToGpu)?;
@@ -141,7 +148,7 @@ impl Executor {
             next_slot: 0,
             staging,
             times: BTreeMap::new(),
-            texel_fetch,
+            access,
             memory_bytes: needed,
             device: Arc::clone(shared),
         };
@@ -153,9 +160,9 @@ impl Executor {
         Ok(executor)
     }
 
-    /// Whether scene buffers are read by texels.
-    pub fn texel_fetch(&self) -> bool {
-        self.texel_fetch
+    /// How the kernels reach memory.
+    pub fn access(&self) -> Access {
+        self.access
     }
 
     /// Bytes of device memory that the buffers take.
@@ -272,13 +279,13 @@ impl Executor {
     fn make_buffer(&mut self, role: &BufferRole<'_>) -> Result<(), GpuError> {
         let kind = match role.usage {
             BufferUse::Uniform => vk::BufferUsageFlags::UNIFORM_BUFFER,
-            BufferUse::Scene { .. } if self.texel_fetch => vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER,
+            BufferUse::Scene { .. } if self.access.texel_fetch => vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER,
             BufferUse::Scene { .. } => vk::BufferUsageFlags::STORAGE_BUFFER,
             BufferUse::State => vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::INDIRECT_BUFFER,
         };
         let usage = kind | vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let mut buffer = Buffer::new(&self.device, role.name, role.size, usage, MemoryLocation::GpuOnly)?;
-        if let (BufferUse::Scene { texel_bytes }, true) = (role.usage, self.texel_fetch) {
+        if let (BufferUse::Scene { texel_bytes }, true) = (role.usage, self.access.texel_fetch) {
             buffer.view_as(if texel_bytes == 16 { vk::Format::R32G32B32A32_UINT } else { vk::Format::R32G32_UINT })?;
         }
         let raw = buffer.raw;
@@ -373,13 +380,7 @@ impl Executor {
             // `control`, which has indirect usage; the query index is within the pool.
             unsafe {
                 device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline);
-                device.cmd_push_constants(
-                    commands,
-                    self.pipelines.layout,
-                    vk::ShaderStageFlags::COMPUTE,
-                    0,
-                    constants,
-                );
+                device.cmd_push_constants(commands, self.pipelines.layout, vk::ShaderStageFlags::COMPUTE, 0, constants);
                 match pass {
                     Pass::Dispatch { groups, .. } => device.cmd_dispatch(commands, *groups, 1, 1),
                     Pass::DispatchIndirect { arguments, .. } => {

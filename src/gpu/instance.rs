@@ -172,8 +172,7 @@ impl Instance {
         };
         let by_number = wanted.parse().ok().and_then(|index: usize| devices.get(index));
         let text = wanted.to_lowercase();
-        let by_name =
-            || devices.iter().find(|d| format!("{} {}", d.name, d.driver).to_lowercase().contains(&text));
+        let by_name = || devices.iter().find(|d| format!("{} {}", d.name, d.driver).to_lowercase().contains(&text));
         let device = by_number
             .or_else(by_name)
             .ok_or_else(|| GpuError::UnknownDevice { wanted: wanted.to_owned(), available: names() })?;

@@ -7,7 +7,7 @@ use ash::vk;
 
 use super::device::Shared;
 use super::error::{Action, GpuError};
-use crate::shaders::{self, Binding, BindingKind, Variant};
+use crate::shaders::{Binding, BindingKind, Kernel, Variant};
 
 /// The kernels of a render: one pipeline each, one layout for all, so that descriptor sets are
 /// bound once.
@@ -23,10 +23,10 @@ pub(super) struct Pipelines {
 }
 
 impl Pipelines {
-    /// Builds `names` in the given variant. `specialization[i]` is the constant of id `i`.
+    /// Builds the table's `sources` in the given variant. `specialization[i]` is the constant of id `i`.
     pub fn new(
         device: &Arc<Shared>,
-        names: &[&'static str],
+        sources: &[&'static Kernel],
         variant: usize,
         specialization: &[u32],
     ) -> Result<Self, GpuError> {
@@ -38,16 +38,16 @@ impl Pipelines {
             kernels: BTreeMap::new(),
             device: Arc::clone(device),
         };
-        for name in names {
-            let variant = &shaders::kernel(name).variants[variant];
+        for kernel in sources {
+            let variant = &kernel.variants[variant];
             pipelines.bindings.extend(variant.bindings.iter().map(|b| ((b.set, b.binding), *b)));
             pipelines.push_constant_size = pipelines.push_constant_size.max(variant.push_constant_size);
         }
         pipelines.make_layout()?;
-        for name in names {
-            let variant = &shaders::kernel(name).variants[variant];
-            let pipeline = pipelines.build(name, variant, specialization)?;
-            pipelines.kernels.insert(name, (pipeline, variant));
+        for kernel in sources {
+            let variant = &kernel.variants[variant];
+            let pipeline = pipelines.build(kernel.name, variant, specialization)?;
+            pipelines.kernels.insert(kernel.name, (pipeline, variant));
         }
         Ok(pipelines)
     }
@@ -78,9 +78,8 @@ impl Pipelines {
                 .during("making a descriptor set layout")?;
             self.set_layouts.push(layout);
         }
-        let ranges = [vk::PushConstantRange::default()
-            .stage_flags(vk::ShaderStageFlags::COMPUTE)
-            .size(self.push_constant_size)];
+        let ranges =
+            [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(self.push_constant_size)];
         let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&self.set_layouts).push_constant_ranges(&ranges);
         // SAFETY: the set layouts are alive.
         self.layout =
@@ -88,12 +87,7 @@ impl Pipelines {
         Ok(())
     }
 
-    fn build(
-        &self,
-        name: &'static str,
-        variant: &Variant,
-        specialization: &[u32],
-    ) -> Result<vk::Pipeline, GpuError> {
+    fn build(&self, name: &'static str, variant: &Variant, specialization: &[u32]) -> Result<vk::Pipeline, GpuError> {
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(variant.spirv);
         let info = vk::ShaderModuleCreateInfo::default().code(&words);
         // SAFETY: the words are SPIR-V that the build compiled for Vulkan 1.2.
@@ -102,9 +96,8 @@ impl Pipelines {
         let entries: Vec<_> = (0..specialization.len() as u32)
             .map(|id| vk::SpecializationMapEntry { constant_id: id, offset: 4 * id, size: 4 })
             .collect();
-        let constants = vk::SpecializationInfo::default()
-            .map_entries(&entries)
-            .data(bytemuck::cast_slice(specialization));
+        let constants =
+            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(specialization));
         let stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)
@@ -112,8 +105,7 @@ impl Pipelines {
             .specialization_info(&constants);
         let infos = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout)];
         // SAFETY: module and layout are alive, and the layout holds every binding of the kernel.
-        let built =
-            unsafe { self.device.raw.create_compute_pipelines(vk::PipelineCache::null(), &infos, None) };
+        let built = unsafe { self.device.raw.create_compute_pipelines(vk::PipelineCache::null(), &infos, None) };
         // SAFETY: a pipeline does not need its module once it is built.
         unsafe { self.device.raw.destroy_shader_module(module, None) };
         built.map(|pipelines| pipelines[0]).map_err(|(_, result)| GpuError::Pipeline { kernel: name, result })

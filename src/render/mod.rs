@@ -12,5 +12,5 @@ mod wavefront;
 
 pub use plan::{Plan, PlanError, SampleRange};
 pub use prepare::{Features, PrepareError, PreparedScene};
-pub use session::{Outcome, Progress, RenderError, Session, Statistics};
+pub use session::{Outcome, Progress, RenderError, Session, Statistics, scene_buffers};
 pub use settings::{MAX_SAMPLES, Settings, SettingsError};

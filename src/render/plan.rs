@@ -22,7 +22,9 @@ pub struct DeviceLimits {
 #[derive(Debug, Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum PlanError {
-    #[error("an image of {width}x{height} pixels needs a film of {needed} bytes and the device allows {allowed} in one buffer; use a smaller --width or --height")]
+    #[error(
+        "an image of {width}x{height} pixels needs a film of {needed} bytes and the device allows {allowed} in one buffer; use a smaller --width or --height"
+    )]
     FilmTooLarge { width: u32, height: u32, needed: u64, allowed: u64 },
 }
 
@@ -58,6 +60,9 @@ impl Plan {
     /// dispatches, few enough for the caches of a software device.
     const SOFTWARE_PATHS: u32 = 1 << 18;
     const HARDWARE_PATHS: u32 = 1 << 21;
+    /// Samples of a pixel in one batch, at most: resolve loops over them, and lavapipe leaves an
+    /// invocation's loops after 65 535 rounds without a word.
+    const SAMPLES_AT_ONCE: u32 = 1 << 15;
 
     /// Computes the sizes.
     ///
@@ -76,14 +81,11 @@ impl Plan {
         }
         let pixels = pixels as u32;
         let workgroup_size = device.max_workgroup_size.min(256);
-        let wanted = settings.in_flight.unwrap_or(if device.software {
-            Self::SOFTWARE_PATHS
-        } else {
-            Self::HARDWARE_PATHS
-        });
+        let wanted =
+            settings.in_flight.unwrap_or(if device.software { Self::SOFTWARE_PATHS } else { Self::HARDWARE_PATHS });
         let by_dispatch = u64::from(device.max_workgroups) * u64::from(workgroup_size);
         let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES;
-        let useful = u64::from(pixels) * u64::from(settings.samples);
+        let useful = u64::from(pixels) * u64::from(settings.samples.min(Self::SAMPLES_AT_ONCE));
         let path_capacity = u64::from(wanted.max(1)).min(by_dispatch).min(by_buffer).min(useful) as u32;
         Ok(Self { pixels, path_capacity, workgroup_size })
     }
@@ -117,8 +119,12 @@ mod tests {
     use crate::scene::Integrator;
     use proptest::prelude::*;
 
-    const DEVICE: DeviceLimits =
-        DeviceLimits { max_workgroup_size: 1024, max_workgroups: 65_535, max_storage_buffer_bytes: 1 << 27, software: true };
+    const DEVICE: DeviceLimits = DeviceLimits {
+        max_workgroup_size: 1024,
+        max_workgroups: 65_535,
+        max_storage_buffer_bytes: 1 << 27,
+        software: true,
+    };
 
     fn settings(width: u32, height: u32, samples: u32, in_flight: Option<u32>) -> Settings {
         let integrator = Integrator::Explicit;
@@ -150,6 +156,12 @@ mod tests {
         let narrow = DeviceLimits { max_workgroups: 100, ..DEVICE };
         let plan = Plan::new(&settings(1024, 1024, 1, None), &narrow).unwrap();
         assert_eq!(plan.path_capacity, 100 * 256);
+    }
+
+    #[test]
+    fn few_pixels_do_not_make_long_loops() {
+        let plan = Plan::new(&settings(2, 1, 1 << 20, None), &DEVICE).unwrap();
+        assert!(plan.batches(0..1 << 20).all(|batch| batch.sample_count <= Plan::SAMPLES_AT_ONCE));
     }
 
     #[test]

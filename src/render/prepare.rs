@@ -197,6 +197,12 @@ impl PreparedScene {
         self.bvh.depth
     }
 
+    /// Bytes of the traversal stacks of `paths` at once, beyond what stays in registers.
+    pub fn stack_bytes(&self, paths: u32) -> u64 {
+        let blocks = self.stack_size().saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK);
+        u64::from(blocks) * u64::from(paths) * u64::from(4 * STACK_BLOCK)
+    }
+
     /// Specialization constants by id.
     pub fn specialization(&self, settings: &Settings, workgroup_size: u32) -> Vec<u32> {
         let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
@@ -251,9 +257,7 @@ fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation) -> Frame 
 
 /// Emitting triangles with their alias table over area, and their total area.
 fn lights_of(scene: &Scene, bvh: &Bvh, corners: &[[Vec3; 3]]) -> Result<(Vec<Light>, f64), PrepareError> {
-    let emits = |original: u32| {
-        scene.materials[scene.mesh.triangles[original as usize].material as usize].is_emitter()
-    };
+    let emits = |original: u32| scene.materials[scene.mesh.triangles[original as usize].material as usize].is_emitter();
     let mut lights: Vec<(u32, u32)> = bvh
         .order
         .iter()
@@ -329,11 +333,7 @@ fn pack_normals(mesh: &scene::Mesh) -> Vec<Normals> {
 fn encode_normal(n: Vec3) -> u32 {
     let n = n / (n.x.abs() + n.y.abs() + n.z.abs());
     let sign = |x: f32| if x >= 0.0 { 1.0 } else { -1.0 };
-    let (x, y) = if n.z >= 0.0 {
-        (n.x, n.y)
-    } else {
-        ((1.0 - n.y.abs()) * sign(n.x), (1.0 - n.x.abs()) * sign(n.y))
-    };
+    let (x, y) = if n.z >= 0.0 { (n.x, n.y) } else { ((1.0 - n.y.abs()) * sign(n.x), (1.0 - n.x.abs()) * sign(n.y)) };
     let snorm = |x: f32| u32::from((x.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16);
     snorm(x) | snorm(y) << 16
 }
@@ -374,8 +374,8 @@ fn pack_environment(map: &EnvironmentMap) -> Result<(Vec<EnvironmentTexel>, Vec<
     let weights: Vec<f64> = (0..width * height)
         .map(|i| {
             let (x, y) = (i % width, i / width);
-            let mean = 0.125 * (across(x, y.saturating_sub(1)) + across(x, (y + 1).min(height - 1)))
-                + 0.75 * across(x, y);
+            let mean =
+                0.125 * (across(x, y.saturating_sub(1)) + across(x, (y + 1).min(height - 1))) + 0.75 * across(x, y);
             let angle = |row: usize| std::f64::consts::PI * row as f64 / height as f64;
             mean * (angle(y).cos() - angle(y + 1).cos())
         })

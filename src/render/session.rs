@@ -11,12 +11,12 @@ use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
 use super::prepare::{PrepareError, PreparedScene};
 use super::settings::Settings;
 use super::wavefront;
-use crate::constants::{STACK_BLOCK, STACK_REGISTERS, STATUS_STACK_OVERFLOW};
 use crate::film::FilmMoments;
 use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDescription, GpuError, KernelTime};
 use crate::layout::{Control, FilmPixel, Frame};
 use crate::recording::Recording;
 use crate::scene::Scene;
+use crate::shaders::{self, Access};
 
 /// A render that failed.
 #[derive(Debug, Error)]
@@ -28,8 +28,6 @@ pub enum RenderError {
     Prepare(#[from] PrepareError),
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    #[error("the traversal ran out of stack (status {0}), so the image would be wrong; this is a defect of raywave")]
-    Overflow(u32),
 }
 
 /// How far a render is.
@@ -115,6 +113,19 @@ impl Session {
     /// # Errors
     /// When scene or film are over the device's limits, or the device fails.
     pub fn new(device: &Device, scene: &PreparedScene, settings: &Settings) -> Result<Self, RenderError> {
+        Self::with_access(device, scene, settings, None)
+    }
+
+    /// As [`Session::new`], with kernels that reach memory in the given way.
+    ///
+    /// # Errors
+    /// As [`Session::new`].
+    pub fn with_access(
+        device: &Device,
+        scene: &PreparedScene,
+        settings: &Settings,
+        access: Option<Access>,
+    ) -> Result<Self, RenderError> {
         let description = device.description();
         let limits = DeviceLimits {
             max_workgroup_size: description.max_workgroup_size,
@@ -127,9 +138,12 @@ impl Session {
         let executor = Executor::new(
             device,
             ExecutorDescription {
-                kernels: &wavefront::KERNELS,
+                kernels: &wavefront::KERNELS.map(shaders::kernel),
                 specialization: &scene.specialization(settings, plan.workgroup_size),
-                buffers: scene_buffers(scene, &frame).chain(path_buffers(&plan, scene.stack_size())).collect(),
+                buffers: scene_buffers(scene, &frame)
+                    .chain(path_buffers(&plan, scene.stack_bytes(plan.path_capacity)))
+                    .collect(),
+                access,
             },
         )?;
         Ok(Self { executor, plan, settings: *settings })
@@ -147,7 +161,7 @@ impl Session {
     /// that are begun are finished for every pixel and the render ends there.
     ///
     /// # Errors
-    /// When the device fails or a stack overflows.
+    /// When the device fails.
     pub fn render(&mut self, mut progress: impl FnMut(&Progress) -> ControlFlow<()>) -> Result<Outcome, RenderError> {
         self.clear()?;
         let start = Instant::now();
@@ -219,9 +233,6 @@ impl Session {
 
     fn outcome(&mut self, samples: u32, sample_count: u64, wall_time: Duration) -> Result<Outcome, RenderError> {
         let control = self.control()?;
-        if control.status & STATUS_STACK_OVERFLOW != 0 {
-            return Err(RenderError::Overflow(control.status));
-        }
         let statistics = Statistics {
             samples,
             sample_count,
@@ -234,7 +245,7 @@ impl Session {
             memory_bytes: self.executor.memory_bytes(),
             paths_in_flight: self.plan.path_capacity,
             workgroup_size: self.plan.workgroup_size,
-            texel_fetch: self.executor.texel_fetch(),
+            texel_fetch: self.executor.access().texel_fetch,
         };
         let pixels: Vec<FilmPixel> = bytemuck::pod_collect_to_vec(&self.executor.read("film")?);
         let total = |value: [f32; 4], compensation: [f32; 4]| {
@@ -253,9 +264,10 @@ impl Session {
 
 /// Buffers that the scene fills. A buffer that the scene does not need is one zero record: the
 /// kernels that could read it leave that code out.
-fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterator<Item = BufferRole<'a>> {
+pub fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterator<Item = BufferRole<'a>> {
     let bytes = bytemuck::cast_slice::<Frame, u8>(std::slice::from_ref(frame));
-    let uniform = BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
+    let uniform =
+        BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
     let data = |name, texel_bytes, contents: &'a [u8]| BufferRole {
         name,
         usage: BufferUse::Scene { texel_bytes },
@@ -278,9 +290,8 @@ fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterato
 }
 
 /// Buffers of the paths in flight and of the film.
-fn path_buffers<'a>(plan: &Plan, stack_size: u32) -> impl Iterator<Item = BufferRole<'a>> {
+fn path_buffers<'a>(plan: &Plan, stack_bytes: u64) -> impl Iterator<Item = BufferRole<'a>> {
     let slots = u64::from(plan.path_capacity);
-    let stack_blocks = u64::from(stack_size.saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK));
     let state = |name, size| BufferRole { name, usage: BufferUse::State, size, contents: None };
     [
         state("control", size_of::<Control>() as u64),
@@ -293,7 +304,7 @@ fn path_buffers<'a>(plan: &Plan, stack_size: u32) -> impl Iterator<Item = Buffer
         state("shadow_origins", 16 * slots),
         state("shadow_directions", 16 * slots),
         state("shadow_radiances", 16 * slots),
-        state("stack_blocks", (16 * slots * stack_blocks).max(16)),
+        state("stack_blocks", stack_bytes.max(16)),
         state("film", u64::from(plan.pixels) * size_of::<FilmPixel>() as u64),
     ]
     .into_iter()

@@ -11,7 +11,9 @@ pub const MAX_SAMPLES: u32 = 1 << 24;
 #[derive(Debug, Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum SettingsError {
-    #[error("{0} samples per pixel are asked for and {MAX_SAMPLES} is the most; use several renders of other --seed and average them")]
+    #[error(
+        "{0} samples per pixel are asked for and {MAX_SAMPLES} is the most; use several renders of other --seed and average them"
+    )]
     TooManySamples(u32),
     #[error("roulette {0} is not a probability of stopping; use a number from 0 up to, not including, 1")]
     Roulette(f64),

@@ -171,16 +171,8 @@ pub(super) fn read(path: &Path, text: &str) -> Result<Document, SceneError> {
         width: reader.pixels("width", &raw.film.width)?,
         height: reader.pixels("height", &raw.film.height)?,
         defaults: reader.defaults(&raw.render)?,
-        meshes: raw
-            .mesh
-            .iter()
-            .map(|mesh| reader.mesh(mesh))
-            .collect::<Result<_, _>>()?,
-        overrides: raw
-            .material
-            .iter()
-            .map(|(name, keys)| reader.material(name, keys))
-            .collect::<Result<_, _>>()?,
+        meshes: raw.mesh.iter().map(|mesh| reader.mesh(mesh)).collect::<Result<_, _>>()?,
+        overrides: raw.material.iter().map(|(name, keys)| reader.material(name, keys)).collect::<Result<_, _>>()?,
         light: match &raw.environment {
             Some(environment) => reader.light(environment)?,
             None => Light::None,
@@ -202,17 +194,11 @@ impl Reader<'_> {
     }
 
     fn refuse(&self, span: &Range<usize>, problem: String) -> SceneError {
-        SceneError::Toml {
-            place: self.place(span),
-            problem,
-        }
+        SceneError::Toml { place: self.place(span), problem }
     }
 
     fn refuse_file(&self, problem: String) -> SceneError {
-        SceneError::Toml {
-            place: Place::file(self.path),
-            problem,
-        }
+        SceneError::Toml { place: Place::file(self.path), problem }
     }
 
     /// A path beside the scene file.
@@ -247,11 +233,7 @@ impl Reader<'_> {
         let up_span = raw.up.as_ref().map_or(0..0, Spanned::span);
         let problem = "target equals eye; move one of them";
         self.require(target != eye, raw.target.span(), problem)?;
-        self.require(
-            up != DVec3::ZERO,
-            up_span,
-            "up is zero; give it a direction",
-        )?;
+        self.require(up != DVec3::ZERO, up_span, "up is zero; give it a direction")?;
 
         let vfov = *raw.vfov.get_ref();
         let problem = "vfov is outside (0, 180); give degrees between them";
@@ -276,14 +258,7 @@ impl Reader<'_> {
                 eye.distance(target)
             }
         };
-        Ok(Camera {
-            eye,
-            target,
-            up,
-            vfov,
-            aperture,
-            focus,
-        })
+        Ok(Camera { eye, target, up, vfov, aperture, focus })
     }
 
     fn pixels(&self, key: &str, value: &Option<Spanned<i64>>) -> Result<u32, SceneError> {
@@ -320,11 +295,7 @@ impl Reader<'_> {
         if let Some(roulette) = &raw.roulette {
             defaults.roulette = *roulette.get_ref();
             let problem = "roulette is outside [0, 1); give the probability of stopping";
-            self.require(
-                (0.0..1.0).contains(&defaults.roulette),
-                roulette.span(),
-                problem,
-            )?;
+            self.require((0.0..1.0).contains(&defaults.roulette), roulette.span(), problem)?;
         }
         if let Some(bounces) = &raw.max_bounces {
             defaults.max_bounces = u32::try_from(*bounces.get_ref()).ok();
@@ -363,28 +334,17 @@ impl Reader<'_> {
         Ok(MeshEntry {
             path: self.beside(raw.file.get_ref()),
             place: self.place(&raw.file.span()),
-            transform: Transform::new(
-                scale,
-                vector("rotate", &raw.rotate)?,
-                vector("translate", &raw.translate)?,
-            ),
+            transform: Transform::new(scale, vector("rotate", &raw.rotate)?, vector("translate", &raw.translate)?),
         })
     }
 
-    fn material(
-        &self,
-        material: &Spanned<String>,
-        raw: &RawMaterial,
-    ) -> Result<Override, SceneError> {
+    fn material(&self, material: &Spanned<String>, raw: &RawMaterial) -> Result<Override, SceneError> {
         let mut keys = MaterialKeys::at(self.place(&material.span()));
-        let numbers = [
-            &raw.Kd, &raw.Ks, &raw.Ke, &raw.Tf, &raw.Ns, &raw.Ni, &raw.illum,
-        ];
+        let numbers = [&raw.Kd, &raw.Ks, &raw.Ke, &raw.Tf, &raw.Ns, &raw.Ni, &raw.illum];
         for (key, value) in NUMERIC_KEYS.into_iter().zip(numbers) {
             let Some(value) = value else { continue };
-            let warning = keys
-                .set(key, value.get_ref().as_slice())
-                .map_err(|problem| self.refuse(&value.span(), problem))?;
+            let warning =
+                keys.set(key, value.get_ref().as_slice()).map_err(|problem| self.refuse(&value.span(), problem))?;
             if let Some(warning) = warning {
                 let place = self.place(&value.span());
                 keys.warnings.push(format!("{place}: {warning}"));
@@ -392,16 +352,10 @@ impl Reader<'_> {
         }
         // An empty name takes the image of the MTL file away.
         keys.map_kd = raw.map_Kd.as_ref().map(|file| {
-            (!file.get_ref().is_empty()).then(|| ImageName {
-                path: self.beside(file.get_ref()),
-                place: self.place(&file.span()),
-            })
+            (!file.get_ref().is_empty())
+                .then(|| ImageName { path: self.beside(file.get_ref()), place: self.place(&file.span()) })
         });
-        Ok(Override {
-            name: name(material.get_ref()),
-            place: self.place(&material.span()),
-            keys,
-        })
+        Ok(Override { name: name(material.get_ref()), place: self.place(&material.span()), keys })
     }
 
     fn light(&self, table: &Spanned<RawEnvironment>) -> Result<Light, SceneError> {
@@ -419,18 +373,12 @@ impl Reader<'_> {
                 Ok(Light::Constant(value))
             }
             (None, Some(file)) => {
-                let scale = raw
-                    .scale
-                    .as_ref()
-                    .map_or(1.0, |scale| *scale.get_ref() as f32);
+                let scale = raw.scale.as_ref().map_or(1.0, |scale| *scale.get_ref() as f32);
                 let span = raw.scale.as_ref().map_or(0..0, Spanned::span);
                 let problem = "scale is negative or not finite; give a number of 0 or more";
                 self.require(scale.is_finite() && scale >= 0.0, span, problem)?;
                 Ok(Light::Image {
-                    image: ImageName {
-                        path: self.beside(file.get_ref()),
-                        place: self.place(&file.span()),
-                    },
+                    image: ImageName { path: self.beside(file.get_ref()), place: self.place(&file.span()) },
                     scale,
                 })
             }

@@ -18,17 +18,11 @@ pub struct Place {
 
 impl Place {
     pub(super) fn file(path: &Path) -> Self {
-        Self {
-            path: path.to_path_buf(),
-            line: None,
-        }
+        Self { path: path.to_path_buf(), line: None }
     }
 
     pub(super) fn line(path: &Path, line: usize) -> Self {
-        Self {
-            path: path.to_path_buf(),
-            line: Some(line),
-        }
+        Self { path: path.to_path_buf(), line: Some(line) }
     }
 }
 

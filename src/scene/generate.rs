@@ -211,9 +211,7 @@ fn evening_sky(out: &mut dyn Write) -> io::Result<()> {
         let azimuth = (at.x() as f64 + 0.5) / SIZE.0 as f64 * TAU - PI;
         let (sine, cosine) = (PI * (at.y() as f64 + 0.5) / SIZE.1 as f64).sin_cos();
         let direction = dvec3(sine * azimuth.sin(), cosine, -sine * azimuth.cos());
-        let glow = direction
-            .dot(dvec3(-0.92, 0.16, -0.36).normalize())
-            .max(0.0);
+        let glow = direction.dot(dvec3(-0.92, 0.16, -0.36).normalize()).max(0.0);
         let zenith = dvec3(0.16, 0.26, 0.55);
         let horizon = dvec3(0.95, 0.62, 0.42);
         let sky = horizon.lerp(zenith, direction.y.max(0.0).powf(0.45));
@@ -226,11 +224,7 @@ fn evening_sky(out: &mut dyn Write) -> io::Result<()> {
     let image = Image::from_channels(SIZE, SpecificChannels::rgb(pixel));
     let mut bytes = Cursor::new(Vec::new());
     // Threads would write the rows in the order they finish them.
-    image
-        .write()
-        .non_parallel()
-        .to_buffered(&mut bytes)
-        .map_err(io::Error::other)?;
+    image.write().non_parallel().to_buffered(&mut bytes).map_err(io::Error::other)?;
     out.write_all(bytes.get_ref())
 }
 
@@ -268,133 +262,45 @@ const GARDEN: (DVec3, DVec3) = (dvec3(-1.7, 0.0, -7.6), dvec3(1.7, 0.42, -4.6));
 fn boxes() -> Vec<(&'static str, DVec3, DVec3)> {
     let (low, high) = HALL;
     let mut boxes = vec![
-        (
-            "ceiling",
-            dvec3(low.x, high.y, low.z),
-            high + dvec3(0.2, 0.25, 0.0),
-        ),
-        (
-            "plaster",
-            dvec3(low.x, 0.0, low.z - 0.2),
-            dvec3(high.x, high.y, low.z),
-        ),
-        (
-            "plaster",
-            dvec3(low.x, 0.0, high.z),
-            dvec3(high.x, high.y, high.z + 0.2),
-        ),
-        (
-            "plaster",
-            dvec3(high.x, 1.2, low.z),
-            dvec3(high.x + 0.2, high.y, high.z),
-        ),
-        (
-            "panelling",
-            dvec3(high.x - 0.05, 0.0, low.z),
-            dvec3(high.x + 0.2, 1.2, high.z),
-        ),
+        ("ceiling", dvec3(low.x, high.y, low.z), high + dvec3(0.2, 0.25, 0.0)),
+        ("plaster", dvec3(low.x, 0.0, low.z - 0.2), dvec3(high.x, high.y, low.z)),
+        ("plaster", dvec3(low.x, 0.0, high.z), dvec3(high.x, high.y, high.z + 0.2)),
+        ("plaster", dvec3(high.x, 1.2, low.z), dvec3(high.x + 0.2, high.y, high.z)),
+        ("panelling", dvec3(high.x - 0.05, 0.0, low.z), dvec3(high.x + 0.2, 1.2, high.z)),
         // A parapet and a lintel close the open side below and above.
-        (
-            "travertine",
-            dvec3(low.x, 0.0, low.z),
-            dvec3(low.x + 0.25, 0.85, high.z),
-        ),
-        (
-            "travertine",
-            dvec3(low.x - 0.05, 0.85, low.z),
-            dvec3(low.x + 0.3, 0.95, high.z),
-        ),
-        (
-            "plaster",
-            dvec3(low.x, 4.3, low.z),
-            dvec3(low.x + 0.25, 5.0, high.z),
-        ),
+        ("travertine", dvec3(low.x, 0.0, low.z), dvec3(low.x + 0.25, 0.85, high.z)),
+        ("travertine", dvec3(low.x - 0.05, 0.85, low.z), dvec3(low.x + 0.3, 0.95, high.z)),
+        ("plaster", dvec3(low.x, 4.3, low.z), dvec3(low.x + 0.25, 5.0, high.z)),
         // Pictures on the right and at the back, and a strip of light under the cornice.
-        (
-            "canvas_ochre",
-            dvec3(high.x - 0.06, 1.7, -2.4),
-            dvec3(high.x, 3.3, -0.8),
-        ),
-        (
-            "canvas_green",
-            dvec3(high.x - 0.06, 1.7, -5.2),
-            dvec3(high.x, 3.3, -3.6),
-        ),
-        (
-            "canvas_blue",
-            dvec3(high.x - 0.06, 1.7, -8.0),
-            dvec3(high.x, 3.3, -6.4),
-        ),
-        (
-            "canvas_blue",
-            dvec3(-1.5, 1.3, low.z),
-            dvec3(1.3, 3.7, low.z + 0.06),
-        ),
-        (
-            "tube",
-            dvec3(high.x - 0.12, 3.9, -11.0),
-            dvec3(high.x - 0.05, 3.96, 2.0),
-        ),
+        ("canvas_ochre", dvec3(high.x - 0.06, 1.7, -2.4), dvec3(high.x, 3.3, -0.8)),
+        ("canvas_green", dvec3(high.x - 0.06, 1.7, -5.2), dvec3(high.x, 3.3, -3.6)),
+        ("canvas_blue", dvec3(high.x - 0.06, 1.7, -8.0), dvec3(high.x, 3.3, -6.4)),
+        ("canvas_blue", dvec3(-1.5, 1.3, low.z), dvec3(1.3, 3.7, low.z + 0.06)),
+        ("tube", dvec3(high.x - 0.12, 3.9, -11.0), dvec3(high.x - 0.05, 3.96, 2.0)),
     ];
     for z in COLUMNS_Z {
         for x in [LEFT_COLUMNS_X, RIGHT_COLUMNS_X] {
             let axis = dvec3(x, 0.0, z);
-            boxes.push((
-                "basalt",
-                axis - dvec3(0.5, 0.0, 0.5),
-                axis + dvec3(0.5, 0.16, 0.5),
-            ));
-            boxes.push((
-                "travertine",
-                axis + dvec3(-0.5, 4.72, -0.5),
-                axis + dvec3(0.5, 5.0, 0.5),
-            ));
+            boxes.push(("basalt", axis - dvec3(0.5, 0.0, 0.5), axis + dvec3(0.5, 0.16, 0.5)));
+            boxes.push(("travertine", axis + dvec3(-0.5, 4.72, -0.5), axis + dvec3(0.5, 5.0, 0.5)));
         }
     }
     for z in [1.0, -3.4, -7.8] {
-        boxes.push((
-            "skylight",
-            dvec3(-1.1, 4.95, z - 0.55),
-            dvec3(1.1, 5.0, z + 0.55),
-        ));
+        boxes.push(("skylight", dvec3(-1.1, 4.95, z - 0.55), dvec3(1.1, 5.0, z + 0.55)));
     }
     for (centre, half, height) in PLINTHS {
         let (x, z) = (centre.x, centre.y);
         let foot = half + 0.06;
-        boxes.push((
-            "basalt",
-            dvec3(x - foot, 0.0, z - foot),
-            dvec3(x + foot, 0.1, z + foot),
-        ));
-        boxes.push((
-            "travertine",
-            dvec3(x - half, 0.1, z - half),
-            dvec3(x + half, height, z + half),
-        ));
+        boxes.push(("basalt", dvec3(x - foot, 0.0, z - foot), dvec3(x + foot, 0.1, z + foot)));
+        boxes.push(("travertine", dvec3(x - half, 0.1, z - half), dvec3(x + half, height, z + half)));
     }
     let (low, high) = GARDEN;
     let rim = 0.16;
     for (material, from, to) in [
-        (
-            "basalt",
-            dvec3(low.x - rim, 0.0, low.z - rim),
-            dvec3(low.x, high.y, high.z + rim),
-        ),
-        (
-            "basalt",
-            dvec3(high.x, 0.0, low.z - rim),
-            dvec3(high.x + rim, high.y, high.z + rim),
-        ),
-        (
-            "basalt",
-            dvec3(low.x, 0.0, low.z - rim),
-            dvec3(high.x, high.y, low.z),
-        ),
-        (
-            "basalt",
-            dvec3(low.x, 0.0, high.z),
-            dvec3(high.x, high.y, high.z + rim),
-        ),
+        ("basalt", dvec3(low.x - rim, 0.0, low.z - rim), dvec3(low.x, high.y, high.z + rim)),
+        ("basalt", dvec3(high.x, 0.0, low.z - rim), dvec3(high.x + rim, high.y, high.z + rim)),
+        ("basalt", dvec3(low.x, 0.0, low.z - rim), dvec3(high.x, high.y, low.z)),
+        ("basalt", dvec3(low.x, 0.0, high.z), dvec3(high.x, high.y, high.z + rim)),
     ] {
         boxes.push((material, from, to));
     }
@@ -455,14 +361,7 @@ impl Shape {
         aspect: f64,
         point: impl Fn(f64, f64) -> DVec3 + 'static,
     ) -> Self {
-        Self {
-            material,
-            seam,
-            is_smooth: true,
-            weight,
-            aspect,
-            point: Box::new(point),
-        }
+        Self { material, seam, is_smooth: true, weight, aspect, point: Box::new(point) }
     }
 
     fn ball(material: &'static str, weight: f64, centre: DVec3, radius: f64) -> Self {
@@ -493,10 +392,7 @@ impl Shape {
     }
 
     fn faceted(self) -> Self {
-        Self {
-            is_smooth: false,
-            ..self
-        }
+        Self { is_smooth: false, ..self }
     }
 }
 
@@ -508,13 +404,9 @@ fn shapes() -> Vec<Shape> {
     let vase_on = |plinth, height| move |u, v| vase(above(plinth, 0.0), height, u, v);
     let mut shapes = vec![
         ball("glass", 3.0, above(0, 0.36), 0.36),
-        Shape::new("gold", Torus, 9.0, 0.1, |u, v| {
-            knot(above(1, 0.60), 0.38, v, u)
-        }),
+        Shape::new("gold", Torus, 9.0, 0.1, |u, v| knot(above(1, 0.60), 0.38, v, u)),
         blob("jade", 6.0, (above(2, 0.34), 0.36), (0.45, 1.5)),
-        Shape::new("lacquer", Poles, 5.0, 1.0, |u, v| {
-            twist(above(3, 0.0), u, v)
-        }),
+        Shape::new("lacquer", Poles, 5.0, 1.0, |u, v| twist(above(3, 0.0), u, v)),
         Shape::new("porcelain", Tube, 5.0, 1.2, vase_on(4, 0.95)),
         ball("crystal", 3.0, above(5, 0.30), 0.30),
         blob("copper", 6.0, (above(6, 0.38), 0.38), (0.4, 1.5)),
@@ -640,12 +532,7 @@ fn vase(foot: DVec3, height: f64, u: f64, v: f64) -> DVec3 {
     let lip = 0.09 * (-((1.0 - v) / 0.07).powi(2)).exp();
     let foot_flare = 0.06 * (-(v / 0.05).powi(2)).exp();
     let flute = 1.0 + 0.03 * (TAU * 12.0 * (u + 0.35 * v)).cos() * (PI * v).sin();
-    revolved(
-        foot,
-        height * flute * (0.09 + belly + lip + foot_flare),
-        height * v,
-        u,
-    )
+    revolved(foot, height * flute * (0.09 + belly + lip + foot_flare), height * v, u)
 }
 
 /// A rounded square bar that twists as it rises, closed at both ends.
@@ -735,12 +622,7 @@ struct ObjWriter<W> {
 
 impl<W: Write> ObjWriter<W> {
     fn new(out: W) -> Self {
-        Self {
-            out,
-            material: "",
-            positions: 0,
-            normals: 0,
-        }
+        Self { out, material: "", positions: 0, normals: 0 }
     }
 
     fn preamble(&mut self) -> io::Result<()> {
@@ -764,12 +646,7 @@ impl<W: Write> ObjWriter<W> {
     fn floor(&mut self) -> io::Result<()> {
         let (low, high) = HALL;
         self.use_material("floor")?;
-        for (x, z) in [
-            (low.x, high.z),
-            (high.x, high.z),
-            (high.x, low.z),
-            (low.x, low.z),
-        ] {
+        for (x, z) in [(low.x, high.z), (high.x, high.z), (high.x, low.z), (low.x, low.z)] {
             writeln!(self.out, "vt {:.4} {:.4}", 0.5 * x, -0.5 * z)?;
             self.position(dvec3(x, 0.0, z))?;
         }
@@ -785,20 +662,10 @@ impl<W: Write> ObjWriter<W> {
                 0 => low,
                 _ => high,
             };
-            self.position(dvec3(
-                pick(0, low.x, high.x),
-                pick(1, low.y, high.y),
-                pick(2, low.z, high.z),
-            ))?;
+            self.position(dvec3(pick(0, low.x, high.x), pick(1, low.y, high.y), pick(2, low.z, high.z)))?;
         }
-        const FACES: [[usize; 4]; 6] = [
-            [0, 4, 6, 2],
-            [1, 3, 7, 5],
-            [0, 1, 5, 4],
-            [2, 6, 7, 3],
-            [0, 2, 3, 1],
-            [4, 5, 7, 6],
-        ];
+        const FACES: [[usize; 4]; 6] =
+            [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
         for face in FACES {
             let [a, b, c, d] = face.map(|corner| base + corner);
             writeln!(self.out, "f {a} {b} {c} {d}")?;
@@ -868,11 +735,7 @@ impl<W: Write> ObjWriter<W> {
             let dv = (shape.point)(u, v + STEP) - (shape.point)(u, v - STEP);
             let normal = du.cross(dv).normalize_or(DVec3::Y);
             self.normals += 1;
-            writeln!(
-                self.out,
-                "vn {:.4} {:.4} {:.4}",
-                normal.x, normal.y, normal.z
-            )?;
+            writeln!(self.out, "vn {:.4} {:.4} {:.4}", normal.x, normal.y, normal.z)?;
         }
         Ok(())
     }
@@ -897,12 +760,10 @@ mod tests {
     fn shapes_face_outwards() {
         const N: usize = 60;
         for shape in shapes().iter().filter(|shape| shape.seam != Seam::Open) {
-            let point =
-                |i: usize, j: usize| (shape.point)(i as f64 / N as f64, j as f64 / N as f64);
+            let point = |i: usize, j: usize| (shape.point)(i as f64 / N as f64, j as f64 / N as f64);
             let inside = (0..N).map(|j| point(0, j) + point(N / 2, j)).sum::<DVec3>() / 120.0;
             let volume = |i: usize, j: usize| {
-                let [a, b, c, d] = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
-                    .map(|(i, j)| point(i, j) - inside);
+                let [a, b, c, d] = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|(i, j)| point(i, j) - inside);
                 a.dot(b.cross(c)) + a.dot(c.cross(d))
             };
             let cells = (0..N).flat_map(|i| (0..N).map(move |j| (i, j)));

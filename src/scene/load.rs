@@ -22,18 +22,9 @@ use super::{
 
 /// The Cornell box of `scenes/`, part of the program.
 const CORNELL_BOX: &[(&str, &[u8])] = &[
-    (
-        "cornell-box.toml",
-        include_bytes!("../../scenes/cornell-box.toml"),
-    ),
-    (
-        "cornell-box.obj",
-        include_bytes!("../../scenes/cornell-box.obj"),
-    ),
-    (
-        "cornell-box.mtl",
-        include_bytes!("../../scenes/cornell-box.mtl"),
-    ),
+    ("cornell-box.toml", include_bytes!("../../scenes/cornell-box.toml")),
+    ("cornell-box.obj", include_bytes!("../../scenes/cornell-box.obj")),
+    ("cornell-box.mtl", include_bytes!("../../scenes/cornell-box.mtl")),
 ];
 
 impl Scene {
@@ -115,26 +106,13 @@ impl<'a> Loader<'a> {
                 problem: "not UTF-8 text; save the file as UTF-8".into(),
             }
         })?;
-        let Document {
-            camera,
-            width,
-            height,
-            defaults,
-            meshes,
-            overrides,
-            light,
-        } = document::read(path, &text)?;
+        let Document { camera, width, height, defaults, meshes, overrides, light } = document::read(path, &text)?;
         self.overrides = overrides;
         self.add_meshes(meshes)?;
         let environment = self.environment(light)?;
         self.warn_of_unused_overrides();
         let scene = self.finish(path, camera, environment)?;
-        Ok(Scene {
-            width,
-            height,
-            defaults,
-            ..scene
-        })
+        Ok(Scene { width, height, defaults, ..scene })
     }
 
     fn load_bare_mesh(mut self, path: &Path) -> Result<Scene, SceneError> {
@@ -146,10 +124,8 @@ impl<'a> Loader<'a> {
         let mut environment = Environment::Black;
         if !self.materials.iter().any(Material::is_emitter) {
             environment = Environment::Constant(Vec3::ONE);
-            self.warnings.push(format!(
-                "{}: nothing emits light; lit by a white environment of radiance 1",
-                Place::file(path)
-            ));
+            self.warnings
+                .push(format!("{}: nothing emits light; lit by a white environment of radiance 1", Place::file(path)));
         }
         let camera = Camera::framing(self.mesh.bounds());
         self.finish(path, camera, environment)
@@ -175,12 +151,7 @@ impl<'a> Loader<'a> {
     /// Adds all meshes, each file read once however often it is placed.
     fn add_meshes(&mut self, entries: Vec<MeshEntry>) -> Result<(), SceneError> {
         let mut placements: Vec<(PathBuf, Place, Vec<Transform>)> = Vec::new();
-        for MeshEntry {
-            path,
-            place,
-            transform,
-        } in entries
-        {
+        for MeshEntry { path, place, transform } in entries {
             match placements.iter_mut().find(|(other, ..)| *other == path) {
                 Some((.., transforms)) => transforms.push(transform),
                 None => placements.push((path, place, vec![transform])),
@@ -195,23 +166,16 @@ impl<'a> Loader<'a> {
         Ok(())
     }
 
-    fn add_mesh(
-        &mut self,
-        path: &Path,
-        file: ObjFile,
-        transforms: &[Transform],
-    ) -> Result<(), SceneError> {
+    fn add_mesh(&mut self, path: &Path, file: ObjFile, transforms: &[Transform]) -> Result<(), SceneError> {
         let mut library = HashMap::new();
         let mut lacks_library = false;
         for entry in &file.libraries {
             let place = Place::line(path, entry.line);
             for mtl in self.library_paths(path, &entry.names) {
                 match self.library(&mtl, &place)? {
-                    Some(materials) => library.extend(
-                        materials
-                            .iter()
-                            .map(|(name, keys)| (name.clone(), keys.clone())),
-                    ),
+                    Some(materials) => {
+                        library.extend(materials.iter().map(|(name, keys)| (name.clone(), keys.clone())))
+                    }
                     None => lacks_library = true,
                 }
             }
@@ -266,8 +230,7 @@ impl<'a> Loader<'a> {
         let library = match self.read(path, named_at) {
             Ok(bytes) => Some(Rc::new(read_mtl(path, &String::from_utf8_lossy(&bytes))?)),
             Err(error) => {
-                self.warnings
-                    .push(format!("{error}; default materials are taken"));
+                self.warnings.push(format!("{error}; default materials are taken"));
                 None
             }
         };
@@ -287,19 +250,12 @@ impl<'a> Loader<'a> {
         let by_name = |over: &Override| over.name == run.material;
         if let Some(index) = self.overrides.iter().position(by_name) {
             self.used_overrides.insert(index);
-            return defined
-                .unwrap_or_default()
-                .overridden_by(&self.overrides[index].keys);
+            return defined.unwrap_or_default().overridden_by(&self.overrides[index].keys);
         }
         if defined.is_none() && warns_of_unknown && run.material != UNNAMED {
-            let place = Place {
-                path: path.to_path_buf(),
-                line: run.line,
-            };
+            let place = Place { path: path.to_path_buf(), line: run.line };
             let name = excerpt(&one_line(&run.material));
-            self.warnings.push(format!(
-                "{place}: no material `{name}` in any MTL file; the default one is taken"
-            ));
+            self.warnings.push(format!("{place}: no material `{name}` in any MTL file; the default one is taken"));
         }
         defined.unwrap_or_default()
     }
@@ -307,17 +263,13 @@ impl<'a> Loader<'a> {
     /// Adds a material and the texture that it shows.
     fn material(&mut self, path: &Path, run: &Run, keys: MaterialKeys) -> Result<u32, SceneError> {
         self.warnings.extend(keys.warnings.iter().cloned());
-        let place = Place {
-            path: path.to_path_buf(),
-            line: run.line,
-        };
+        let place = Place { path: path.to_path_buf(), line: run.line };
         let name = excerpt(&one_line(&run.material));
         let picture = match keys.image() {
             Some(image) if run.has_uvs => Some(self.picture(image)?),
             Some(_) => {
-                self.warnings.push(format!(
-                    "{place}: faces of `{name}` lack texture coordinates; they show Kd, not map_Kd"
-                ));
+                self.warnings
+                    .push(format!("{place}: faces of `{name}` lack texture coordinates; they show Kd, not map_Kd"));
                 None
             }
             None => None,
@@ -345,10 +297,7 @@ impl<'a> Loader<'a> {
 
     /// Decodes an image once; returns its place in `pictures`.
     fn picture(&mut self, image: &ImageName) -> Result<usize, SceneError> {
-        let known = self
-            .pictures
-            .iter()
-            .position(|(path, _)| *path == image.path);
+        let known = self.pictures.iter().position(|(path, _)| *path == image.path);
         if let Some(known) = known {
             return Ok(known);
         }
@@ -369,10 +318,7 @@ impl<'a> Loader<'a> {
     fn decode(&mut self, image: &ImageName) -> Result<Picture, SceneError> {
         let refuse = |problem: String| {
             let file = one_line(&image.path.to_string_lossy());
-            SceneError::Image {
-                place: image.place.clone(),
-                problem: format!("image `{file}` {}", one_line(&problem)),
-            }
+            SceneError::Image { place: image.place.clone(), problem: format!("image `{file}` {}", one_line(&problem)) }
         };
         let bytes = self
             .files
@@ -398,8 +344,7 @@ impl<'a> Loader<'a> {
             });
         }
         if radiance.iter().all(|&radiance| radiance == Vec3::ZERO) {
-            self.warnings
-                .push(format!("{}: the environment is black", image.place));
+            self.warnings.push(format!("{}: the environment is black", image.place));
             return Ok(Environment::Black);
         }
         Ok(Environment::LatLong(EnvironmentMap {
@@ -410,13 +355,7 @@ impl<'a> Loader<'a> {
         }))
     }
 
-    fn place(
-        &mut self,
-        path: &Path,
-        run: &Run,
-        transform: &Transform,
-        material: u32,
-    ) -> Result<(), SceneError> {
+    fn place(&mut self, path: &Path, run: &Run, transform: &Transform, material: u32) -> Result<(), SceneError> {
         let wants_uvs = self.materials[material as usize].map_kd.is_some();
         let place = Place::file(path);
         match self.mesh.place(run, transform, material, wants_uvs) {
@@ -449,30 +388,18 @@ impl<'a> Loader<'a> {
         }
     }
 
-    fn finish(
-        mut self,
-        path: &Path,
-        camera: Camera,
-        environment: Environment,
-    ) -> Result<Scene, SceneError> {
+    fn finish(mut self, path: &Path, camera: Camera, environment: Environment) -> Result<Scene, SceneError> {
         let place = Place::file(path);
         if self.mesh.triangles.is_empty() {
-            return Err(SceneError::Obj {
-                place,
-                problem: "no triangle has an area; check scale and the mesh".into(),
-            });
+            return Err(SceneError::Obj { place, problem: "no triangle has an area; check scale and the mesh".into() });
         }
         if self.without_area > 0 {
             let count = self.without_area;
-            self.warnings.push(format!(
-                "{place}: {count} triangles without area were dropped"
-            ));
+            self.warnings.push(format!("{place}: {count} triangles without area were dropped"));
         }
         let is_dark = matches!(environment, Environment::Black);
         if is_dark && !self.materials.iter().any(Material::is_emitter) {
-            self.warnings.push(format!(
-                "{place}: nothing emits light; add a material with Ke or an [environment]"
-            ));
+            self.warnings.push(format!("{place}: nothing emits light; add a material with Ke or an [environment]"));
         }
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         Ok(Scene {

@@ -44,10 +44,7 @@ pub(super) struct MaterialKeys {
 impl MaterialKeys {
     /// No keys yet, of a material that is named at `place`.
     pub(super) fn at(place: Place) -> Self {
-        Self {
-            place: Some(place),
-            ..Self::default()
-        }
+        Self { place: Some(place), ..Self::default() }
     }
 
     /// Sets one of [`NUMERIC_KEYS`]. Returns a warning where the value is read as another, and
@@ -74,9 +71,7 @@ impl MaterialKeys {
                 let surface = Surface::from_illum(illum);
                 self.surface = Some(surface.unwrap_or(Surface::Glossy));
                 if surface.is_none() {
-                    return Ok(Some(format!(
-                        "illum {illum} has no meaning here; 2 is taken"
-                    )));
+                    return Ok(Some(format!("illum {illum} has no meaning here; 2 is taken")));
                 }
             }
             _ => return Err(format!("`{key}` is not a material key")),
@@ -163,9 +158,7 @@ fn colour(key: &str, values: &[f64]) -> Result<Vec3, String> {
         [r, g, b] => [r, g, b],
         _ => {
             let n = values.len();
-            return Err(format!(
-                "{key} has {n} numbers; give one, or red, green and blue"
-            ));
+            return Err(format!("{key} has {n} numbers; give one, or red, green and blue"));
         }
     };
     let colour = Vec3::from(rgb.map(|x| x as f32));
@@ -187,19 +180,13 @@ fn scalar(key: &str, values: &[f64]) -> Result<f32, String> {
 }
 
 /// Reads an MTL file: its materials by name. A name that comes twice continues the first.
-pub(super) fn read_mtl(
-    path: &Path,
-    text: &str,
-) -> Result<HashMap<String, MaterialKeys>, SceneError> {
+pub(super) fn read_mtl(path: &Path, text: &str) -> Result<HashMap<String, MaterialKeys>, SceneError> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut materials = HashMap::<String, MaterialKeys>::new();
     let mut current: Option<&mut MaterialKeys> = None;
     for (line, statement) in statements(text) {
         let place = Place::line(path, line);
-        let refuse = |problem| SceneError::Mtl {
-            place: place.clone(),
-            problem,
-        };
+        let refuse = |problem| SceneError::Mtl { place: place.clone(), problem };
         let (key, rest) = keyword(&statement);
         if key == "newmtl" {
             if rest.is_empty() {
@@ -212,9 +199,7 @@ pub(super) fn read_mtl(
         let is_numeric = NUMERIC_KEYS.contains(&key);
         let Some(material) = current.as_mut() else {
             if is_numeric || key == "map_Kd" {
-                return Err(refuse(format!(
-                    "{key} belongs to no material; put newmtl above it"
-                )));
+                return Err(refuse(format!("{key} belongs to no material; put newmtl above it")));
             }
             continue;
         };
@@ -237,15 +222,9 @@ pub(super) fn read_mtl(
             if has_options {
                 warn("the options of map_Kd are ignored".to_owned());
             }
-            material.map_kd = Some(Some(ImageName {
-                path: folder.join(portable(file)),
-                place,
-            }));
+            material.map_kd = Some(Some(ImageName { path: folder.join(portable(file)), place }));
         } else if key.starts_with("map_") || ["bump", "disp", "decal", "norm"].contains(&key) {
-            warn(format!(
-                "`{}` is ignored: map_Kd is the only image read",
-                excerpt(key)
-            ));
+            warn(format!("`{}` is ignored: map_Kd is the only image read", excerpt(key)));
         }
     }
     Ok(materials)

@@ -99,12 +99,7 @@ pub struct RenderDefaults {
 
 impl Default for RenderDefaults {
     fn default() -> Self {
-        Self {
-            integrator: Integrator::Explicit,
-            samples: 64,
-            max_bounces: Some(8),
-            roulette: 0.0,
-        }
+        Self { integrator: Integrator::Explicit, samples: 64, max_bounces: Some(8), roulette: 0.0 }
     }
 }
 
@@ -134,10 +129,7 @@ impl Mesh {
     /// The lowest and highest corner of the box around all triangles; of an empty mesh, infinite
     /// and the wrong way round.
     pub fn bounds(&self) -> (DVec3, DVec3) {
-        let corners = self
-            .triangles
-            .iter()
-            .flat_map(|triangle| triangle.positions);
+        let corners = self.triangles.iter().flat_map(|triangle| triangle.positions);
         let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         corners.fold(empty, |(low, high), corner| {
             let point = self.positions[corner as usize];

@@ -53,10 +53,7 @@ const KINDS: [&str; 3] = ["vertex", "texture coordinate", "normal"];
 
 /// Reads an OBJ file. Errors name the first offending line.
 pub(super) fn read(path: &Path, text: &str) -> Result<ObjFile, SceneError> {
-    let refuse = |(line, problem)| SceneError::Obj {
-        place: Place::line(path, line),
-        problem,
-    };
+    let refuse = |(line, problem)| SceneError::Obj { place: Place::line(path, line), problem };
     let mut plain = String::with_capacity(text.len());
     let counts = copy_vertices(text, &mut plain).map_err(refuse)?;
     if counts.iter().any(|&count| count >= u32::MAX as usize) {
@@ -73,18 +70,11 @@ pub(super) fn read(path: &Path, text: &str) -> Result<ObjFile, SceneError> {
         });
     }
 
-    let options = tobj::LoadOptions {
-        triangulate: true,
-        ..Default::default()
-    };
+    let options = tobj::LoadOptions { triangulate: true, ..Default::default() };
     let no_materials = |_: &Path| Ok(Default::default());
-    let (models, _) =
-        tobj::load_obj_buf(&mut plain.as_bytes(), &options, no_materials).map_err(|error| {
-            SceneError::Obj {
-                place: Place::file(path),
-                problem: format!("{error}; export the mesh anew"),
-            }
-        })?;
+    let (models, _) = tobj::load_obj_buf(&mut plain.as_bytes(), &options, no_materials).map_err(|error| {
+        SceneError::Obj { place: Place::file(path), problem: format!("{error}; export the mesh anew") }
+    })?;
     for (run, model) in file.runs.iter_mut().zip(models) {
         run.mesh = model.mesh;
     }
@@ -107,17 +97,13 @@ fn copy_vertices(text: &str, plain: &mut String) -> Result<Counts, Fault> {
             words.push("0"); // A one-dimensional texture coordinate.
         }
         if words.len() < needed {
-            let problem = format!(
-                "a {} needs {needed} numbers and has {}; complete the line",
-                KINDS[kind],
-                words.len()
-            );
+            let problem =
+                format!("a {} needs {needed} numbers and has {}; complete the line", KINDS[kind], words.len());
             return Err((line, problem));
         }
         plain.push_str(key);
         for word in words {
-            let value =
-                number(word).map_err(|e| (line, format!("{e}; correct the {}", KINDS[kind])))?;
+            let value = number(word).map_err(|e| (line, format!("{e}; correct the {}", KINDS[kind])))?;
             // A normal that is not finite only makes its triangles flat.
             let usable = match key {
                 "v" => value.is_finite(),
@@ -125,11 +111,7 @@ fn copy_vertices(text: &str, plain: &mut String) -> Result<Counts, Fault> {
                 _ => true,
             };
             if !usable {
-                let problem = format!(
-                    "`{}` in a {} is not finite; correct or remove it",
-                    excerpt(word),
-                    KINDS[kind]
-                );
+                let problem = format!("`{}` in a {} is not finite; correct or remove it", excerpt(word), KINDS[kind]);
                 return Err((line, problem));
             }
             plain.push(' ');
@@ -144,10 +126,7 @@ fn copy_vertices(text: &str, plain: &mut String) -> Result<Counts, Fault> {
 /// Copies faces, and opens a new object where the material or the kind of corner changes. Indices
 /// may point ahead: `totals` is what the whole file holds.
 fn copy_faces(text: &str, totals: Counts, plain: &mut String) -> Result<ObjFile, Fault> {
-    let mut file = ObjFile {
-        libraries: Vec::new(),
-        runs: Vec::new(),
-    };
+    let mut file = ObjFile { libraries: Vec::new(), runs: Vec::new() };
     let mut material = (UNNAMED.to_owned(), None);
     let mut so_far = [0; 3];
     let mut corners: Vec<[Option<usize>; 3]> = Vec::new();
@@ -158,15 +137,9 @@ fn copy_faces(text: &str, totals: Counts, plain: &mut String) -> Result<ObjFile,
             "vt" => so_far[1] += 1,
             "vn" => so_far[2] += 1,
             "mtllib" if rest.is_empty() => {
-                return Err((
-                    line,
-                    "mtllib names no file; give one or remove the line".into(),
-                ));
+                return Err((line, "mtllib names no file; give one or remove the line".into()));
             }
-            "mtllib" => file.libraries.push(Library {
-                line,
-                names: rest.to_owned(),
-            }),
+            "mtllib" => file.libraries.push(Library { line, names: rest.to_owned() }),
             "usemtl" if rest.is_empty() => {
                 return Err((line, "usemtl names no material; give one".into()));
             }
@@ -183,9 +156,7 @@ fn copy_faces(text: &str, totals: Counts, plain: &mut String) -> Result<ObjFile,
                 let has_uvs = corners.iter().all(|corner| corner[1].is_some());
                 let has_normals = corners.iter().all(|corner| corner[2].is_some());
                 let continues = file.runs.last().is_some_and(|run| {
-                    run.material == material.0
-                        && run.has_uvs == has_uvs
-                        && run.has_normals == has_normals
+                    run.material == material.0 && run.has_uvs == has_uvs && run.has_normals == has_normals
                 });
                 if !continues {
                     plain.push_str("o\n");
@@ -226,17 +197,13 @@ fn corner(word: &str, so_far: Counts, totals: Counts) -> Result<[Option<usize>; 
             1.. if index as u64 <= totals[kind] as u64 => index as usize,
             1.. => {
                 let total = totals[kind];
-                return Err(format!(
-                    "{what} index {index} is out of range; the file has {total}"
-                ));
+                return Err(format!("{what} index {index} is out of range; the file has {total}"));
             }
             _ => {
                 let above = so_far[kind];
                 let back = index.unsigned_abs();
                 if back > above as u64 {
-                    return Err(format!(
-                        "{what} index {index} is out of range; only {above} stand above it"
-                    ));
+                    return Err(format!("{what} index {index} is out of range; only {above} stand above it"));
                 }
                 above + 1 - back as usize
             }
@@ -244,10 +211,7 @@ fn corner(word: &str, so_far: Counts, totals: Counts) -> Result<[Option<usize>; 
     }
     match indices[0] {
         Some(_) => Ok(indices),
-        None => Err(format!(
-            "corner `{}` has no vertex; give its index",
-            excerpt(word)
-        )),
+        None => Err(format!("corner `{}` has no vertex; give its index", excerpt(word))),
     }
 }
 

@@ -40,14 +40,9 @@ impl Picture {
         match picture.pixels.iter().position(|pixel| !is_radiance(pixel)) {
             None => Ok(picture),
             Some(index) => {
-                let (x, y) = (
-                    index % picture.width as usize,
-                    index / picture.width as usize,
-                );
+                let (x, y) = (index % picture.width as usize, index / picture.width as usize);
                 let [r, g, b] = picture.pixels[index].to_array();
-                Err(format!(
-                    "texel ({x}, {y}) is ({r}, {g}, {b}), negative or not finite; repair the image"
-                ))
+                Err(format!("texel ({x}, {y}) is ({r}, {g}, {b}), negative or not finite; repair the image"))
             }
         }
     }
@@ -63,12 +58,7 @@ impl Picture {
             let [r, g, b] = (*pixel * scale).to_array().map(f16::from_f32);
             [r, g, b, f16::ONE]
         };
-        Texture {
-            path,
-            width: self.width,
-            height: self.height,
-            texels: self.pixels.iter().map(texel).collect(),
-        }
+        Texture { path, width: self.width, height: self.height, texels: self.pixels.iter().map(texel).collect() }
     }
 }
 
@@ -90,10 +80,7 @@ fn decode_exr(bytes: &[u8]) -> Result<Picture, String> {
     let broken = |error: Error| format!("cannot be decoded ({error}); export it as RGB");
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
     for header in &meta.headers {
-        check_size(
-            header.layer_size.width() as u64,
-            header.layer_size.height() as u64,
-        )?;
+        check_size(header.layer_size.width() as u64, header.layer_size.height() as u64)?;
     }
     let image = read()
         .no_deep_data()
@@ -110,11 +97,7 @@ fn decode_exr(bytes: &[u8]) -> Result<Picture, String> {
         .map_err(broken)?;
     let (size, pixels) = image.layer_data.channel_data.pixels;
     let (width, height) = check_size(size.width() as u64, size.height() as u64)?;
-    Ok(Picture {
-        width,
-        height,
-        pixels,
-    })
+    Ok(Picture { width, height, pixels })
 }
 
 fn decode_other(path: &Path, bytes: &[u8]) -> Result<Picture, String> {
@@ -123,9 +106,7 @@ fn decode_other(path: &Path, bytes: &[u8]) -> Result<Picture, String> {
     let format = image::guess_format(bytes).or_else(|_| ImageFormat::from_path(path));
     let format = format.map_err(|_| "is of no known image format; use PNG, JPEG, HDR or EXR")?;
     reader.set_format(format);
-    let image = reader
-        .decode()
-        .map_err(|error| format!("cannot be decoded ({error}); export it anew"))?;
+    let image = reader.decode().map_err(|error| format!("cannot be decoded ({error}); export it anew"))?;
     let (width, height) = check_size(image.width().into(), image.height().into())?;
     let pixels = match image {
         DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
@@ -137,17 +118,10 @@ fn decode_other(path: &Path, bytes: &[u8]) -> Result<Picture, String> {
             let linear: Vec<f32> = (0..=u16::MAX).map(srgb_to_linear).collect();
             let look_up = |value: u16| linear[usize::from(value)];
             let pixels = integers.into_rgb16();
-            pixels
-                .pixels()
-                .map(|pixel| Vec3::from(pixel.0.map(look_up)))
-                .collect()
+            pixels.pixels().map(|pixel| Vec3::from(pixel.0.map(look_up))).collect()
         }
     };
-    Ok(Picture {
-        width,
-        height,
-        pixels,
-    })
+    Ok(Picture { width, height, pixels })
 }
 
 /// The sRGB transfer function (IEC 61966-2-1), from 0..=65535 to 0..=1.

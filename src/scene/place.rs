@@ -20,20 +20,14 @@ pub(super) struct Transform {
 }
 
 impl Transform {
-    pub const IDENTITY: Self = Self {
-        scale: DVec3::ONE,
-        rotation: DMat3::IDENTITY,
-        translation: DVec3::ZERO,
-    };
+    pub const IDENTITY: Self = Self { scale: DVec3::ONE, rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
 
     /// `scale` has no zero in it; angles are in degrees.
     pub fn new(scale: DVec3, degrees: DVec3, translation: DVec3) -> Self {
         let [x, y, z] = degrees.to_array().map(f64::to_radians);
         Self {
             scale,
-            rotation: DMat3::from_rotation_z(z)
-                * DMat3::from_rotation_y(y)
-                * DMat3::from_rotation_x(x),
+            rotation: DMat3::from_rotation_z(z) * DMat3::from_rotation_y(y) * DMat3::from_rotation_x(x),
             translation,
         }
     }
@@ -82,8 +76,7 @@ impl Mesh {
         let first_uv = self.uvs.len();
         if wants_uvs {
             let uvs = chunks(&run.mesh.texcoords).iter();
-            self.uvs
-                .extend(uvs.map(|&[u, v]| Vec2::new(u as f32, v as f32)));
+            self.uvs.extend(uvs.map(|&[u, v]| Vec2::new(u as f32, v as f32)));
         }
         // The new index of each normal, NONE where it is no direction.
         let mut normals = Vec::new();
@@ -108,12 +101,7 @@ impl Mesh {
                 without_area += 1;
                 continue;
             }
-            let mut triangle = Triangle {
-                positions,
-                normals: [NONE; 3],
-                uvs: [NONE; 3],
-                material,
-            };
+            let mut triangle = Triangle { positions, normals: [NONE; 3], uvs: [NONE; 3], material };
             if run.has_normals {
                 let given = of_corners(&run.mesh.normal_indices);
                 let placed = given.map(|normal| normals[normal as usize]);
@@ -122,8 +110,7 @@ impl Mesh {
                 }
             }
             if wants_uvs {
-                triangle.uvs =
-                    of_corners(&run.mesh.texcoord_indices).map(|uv| first_uv as u32 + uv);
+                triangle.uvs = of_corners(&run.mesh.texcoord_indices).map(|uv| first_uv as u32 + uv);
             }
             self.triangles.push(triangle);
         }
@@ -143,9 +130,6 @@ fn chunks<T, const N: usize>(flat: &[T]) -> &[[T; N]] {
 fn is_degenerate(a: DVec3, b: DVec3, c: DVec3) -> bool {
     const ROUNDING: f64 = 1e-14;
     let [ab, ac, bc] = [b - a, c - a, c - b];
-    let longest = ab
-        .length_squared()
-        .max(ac.length_squared())
-        .max(bc.length_squared());
+    let longest = ab.length_squared().max(ac.length_squared()).max(bc.length_squared());
     ab.cross(ac).length() <= ROUNDING * longest
 }

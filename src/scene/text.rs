@@ -32,9 +32,7 @@ fn without_comment(line: &str) -> &str {
 
 /// Splits a statement into its keyword and the rest, both trimmed.
 pub(super) fn keyword(statement: &str) -> (&str, &str) {
-    let (keyword, rest) = statement
-        .split_once(char::is_whitespace)
-        .unwrap_or((statement, ""));
+    let (keyword, rest) = statement.split_once(char::is_whitespace).unwrap_or((statement, ""));
     (keyword, rest.trim())
 }
 
@@ -45,8 +43,7 @@ pub(super) fn name(text: &str) -> String {
 
 /// A number, finite or not; the error says what was found instead.
 pub(super) fn number(word: &str) -> Result<f64, String> {
-    word.parse()
-        .map_err(|_| format!("`{}` is not a number", excerpt(word)))
+    word.parse().map_err(|_| format!("`{}` is not a number", excerpt(word)))
 }
 
 /// The start of a word that may be long, for a message.
@@ -60,8 +57,5 @@ pub(super) fn excerpt(word: &str) -> String {
 
 /// Text made safe for a one-line message: control characters become blanks.
 pub(super) fn one_line(text: &str) -> String {
-    text.trim_end().replace(
-        |c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}'),
-        " ",
-    )
+    text.trim_end().replace(|c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}'), " ")
 }

@@ -68,11 +68,7 @@ pub struct Bootstrap {
 impl Default for Bootstrap {
     /// 95 % by 10,000 resamples.
     fn default() -> Self {
-        Self {
-            confidence: 0.95,
-            resamples: 10_000,
-            seed: 0,
-        }
+        Self { confidence: 0.95, resamples: 10_000, seed: 0 }
     }
 }
 
@@ -85,9 +81,7 @@ impl Bootstrap {
     /// The median of `numerator` over the median of `denominator`, two samples that were drawn
     /// independently: how many times as long one takes as the other.
     pub fn ratio_of_medians(&self, numerator: &[f64], denominator: &[f64]) -> Estimate {
-        self.estimate([numerator, denominator], |[numerator, denominator]| {
-            median(numerator) / median(denominator)
-        })
+        self.estimate([numerator, denominator], |[numerator, denominator]| median(numerator) / median(denominator))
     }
 
     /// Any statistic of independent samples, each resampled by itself.
@@ -95,11 +89,7 @@ impl Bootstrap {
     /// # Panics
     ///
     /// When `confidence` or `resamples` is out of range.
-    pub fn estimate<const N: usize>(
-        &self,
-        samples: [&[f64]; N],
-        statistic: impl Fn([&[f64]; N]) -> f64,
-    ) -> Estimate {
+    pub fn estimate<const N: usize>(&self, samples: [&[f64]; N], statistic: impl Fn([&[f64]; N]) -> f64) -> Estimate {
         assert!(
             self.confidence > 0.0 && self.confidence < 1.0 && self.resamples > 0,
             "a bootstrap needs a confidence in (0, 1) and at least one resample: {self:?}"

@@ -37,11 +37,7 @@ pub struct ZTest {
 /// Two estimates are compared by their difference and sqrt(e1² + e2²). Where the standard error is
 /// zero, a deviation of zero gives z = 0, any other infinity.
 pub fn z_test(deviation: f64, standard_error: f64) -> ZTest {
-    let z = if deviation == 0.0 && standard_error == 0.0 {
-        0.0
-    } else {
-        deviation / standard_error
-    };
+    let z = if deviation == 0.0 && standard_error == 0.0 { 0.0 } else { deviation / standard_error };
     // erfc keeps its digits far out in the tail, where 1 - cdf has none.
     let p = erfc(z.abs() / std::f64::consts::SQRT_2);
     ZTest { z, p }
@@ -85,28 +81,14 @@ pub struct ChiSquare {
 ///
 /// When the lists differ in length, or a count is negative or not finite.
 pub fn chi_square(observed: &[f64], expected: &[f64]) -> ChiSquare {
-    assert_eq!(
-        observed.len(),
-        expected.len(),
-        "each bin has an observed and an expected count"
-    );
+    assert_eq!(observed.len(), expected.len(), "each bin has an observed and an expected count");
     let counts = |list: &[f64]| list.iter().all(|&n| n >= 0.0 && n.is_finite());
-    assert!(
-        counts(observed) && counts(expected),
-        "counts are finite and at least 0"
-    );
+    assert!(counts(observed) && counts(expected), "counts are finite and at least 0");
     let cells = pool(observed, expected);
     let degrees_of_freedom = cells.len().saturating_sub(1);
-    let impossible = observed
-        .iter()
-        .zip(expected)
-        .any(|(&o, &e)| e == 0.0 && o > 0.0);
+    let impossible = observed.iter().zip(expected).any(|(&o, &e)| e == 0.0 && o > 0.0);
     if impossible {
-        return ChiSquare {
-            statistic: f64::INFINITY,
-            degrees_of_freedom,
-            p: 0.0,
-        };
+        return ChiSquare { statistic: f64::INFINITY, degrees_of_freedom, p: 0.0 };
     }
     let statistic: f64 = cells.iter().map(|(o, e)| (o - e).powi(2) / e).sum();
     let p = if degrees_of_freedom == 0 || statistic == 0.0 {
@@ -115,21 +97,13 @@ pub fn chi_square(observed: &[f64], expected: &[f64]) -> ChiSquare {
         // The upper tail of chi-square is the upper regularised incomplete gamma function.
         gamma_ur(degrees_of_freedom as f64 / 2.0, statistic / 2.0)
     };
-    ChiSquare {
-        statistic,
-        degrees_of_freedom,
-        p,
-    }
+    ChiSquare { statistic, degrees_of_freedom, p }
 }
 
 /// Observed and expected counts of cells that each expect at least [`MIN_EXPECTED`], if there are
 /// enough counts for even one.
 fn pool(observed: &[f64], expected: &[f64]) -> Vec<(f64, f64)> {
-    let mut bins: Vec<_> = observed
-        .iter()
-        .copied()
-        .zip(expected.iter().copied())
-        .collect();
+    let mut bins: Vec<_> = observed.iter().copied().zip(expected.iter().copied()).collect();
     bins.sort_by(|a, b| a.1.total_cmp(&b.1));
     let mut cells = Vec::new();
     let mut open = (0.0, 0.0);

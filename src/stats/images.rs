@@ -90,18 +90,11 @@ pub struct Differences {
 pub fn compare_images(a: &Image, b: &Image) -> Result<ImageComparison, SizesDiffer> {
     let (size_a, size_b) = ((a.width, a.height), (b.width, b.height));
     if size_a != size_b {
-        return Err(SizesDiffer {
-            a: size_a,
-            b: size_b,
-        });
+        return Err(SizesDiffer { a: size_a, b: size_b });
     }
     let pairs = || a.pixels.iter().zip(&b.pixels);
     let differing = pairs().filter(|(a, b)| bits(**a) != bits(**b)).count();
-    let finite = || {
-        pairs()
-            .filter(|(a, b)| a.is_finite() && b.is_finite())
-            .map(|(a, b)| (a.as_dvec3(), b.as_dvec3()))
-    };
+    let finite = || pairs().filter(|(a, b)| a.is_finite() && b.is_finite()).map(|(a, b)| (a.as_dvec3(), b.as_dvec3()));
     let channel = |i: usize| Differences::of(finite().map(|(a, b)| ([a[i]], [b[i]])));
     Ok(ImageComparison {
         width: a.width,
@@ -132,10 +125,7 @@ impl NonFinite {
             let spoilt = |pixel: &&Vec3| pixel.to_array().into_iter().any(is);
             image.pixels.iter().filter(spoilt).count() as u64
         };
-        Self {
-            nan_count: count(f32::is_nan),
-            inf_count: count(f32::is_infinite),
-        }
+        Self { nan_count: count(f32::is_nan), inf_count: count(f32::is_infinite) }
     }
 }
 
@@ -143,27 +133,17 @@ impl Differences {
     /// The differences of pixels of `N` channels each.
     fn of<const N: usize>(pixels: impl Iterator<Item = ([f64; N], [f64; N])>) -> Self {
         let mean_of = |values: [f64; N]| values.iter().sum::<f64>() / N as f64;
-        let [
-            mut squared,
-            mut relative,
-            mut mean_a,
-            mut mean_b,
-            mut difference,
-        ] = [Moments::default(); 5];
+        let [mut squared, mut relative, mut mean_a, mut mean_b, mut difference] = [Moments::default(); 5];
         let mut largest = f64::NAN;
         for (a, b) in pixels {
             let apart: [f64; N] = std::array::from_fn(|i| a[i] - b[i]);
             squared.push(mean_of(apart.map(|d| d * d)));
-            relative.push(mean_of(std::array::from_fn(|i| {
-                apart[i] * apart[i] / (b[i] * b[i] + DARK)
-            })));
+            relative.push(mean_of(std::array::from_fn(|i| apart[i] * apart[i] / (b[i] * b[i] + DARK))));
             mean_a.push(mean_of(a));
             mean_b.push(mean_of(b));
             difference.push(mean_of(apart));
             // `max` takes the number over the NaN it starts with.
-            largest = apart
-                .iter()
-                .fold(largest, |largest, d| largest.max(d.abs()));
+            largest = apart.iter().fold(largest, |largest, d| largest.max(d.abs()));
         }
         let ZTest { z, p } = z_test(difference.mean(), difference.standard_error());
         Self {

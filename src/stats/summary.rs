@@ -45,11 +45,7 @@ impl Moments {
 
     /// The unbiased sample variance, the sum of squares over n - 1; NaN below two numbers.
     pub fn variance(&self) -> f64 {
-        if self.count < 2 {
-            f64::NAN
-        } else {
-            self.squares / (self.count - 1) as f64
-        }
+        if self.count < 2 { f64::NAN } else { self.squares / (self.count - 1) as f64 }
     }
 
     /// The standard error of the mean, sqrt(variance / n); NaN below two numbers.
@@ -121,9 +117,5 @@ pub(super) fn quantile_of_sorted(sorted: &[f64], q: f64) -> f64 {
     let below = sorted[rank.floor() as usize];
     let above = sorted[rank.ceil() as usize];
     // Equal neighbours are returned as they are, infinite ones included.
-    if below == above {
-        below
-    } else {
-        below + (above - below) * rank.fract()
-    }
+    if below == above { below } else { below + (above - below) * rank.fract() }
 }

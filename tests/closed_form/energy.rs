@@ -18,23 +18,12 @@ fn the_furnace_is_empty() {
     let device = device();
     let scene = own_scene("furnace");
     for integrator in BOTH {
-        let settings = Settings {
-            integrator,
-            ..unbounded(64, 128, 0.05)
-        };
+        let settings = Settings { integrator, ..unbounded(64, 128, 0.05) };
         let film = render_on(&device, &scene, &settings).film;
-        assert_agrees(
-            &format!("furnace, {integrator:?}"),
-            &film,
-            &vec![DVec3::ONE; 64 * 64],
-            0.0,
-        );
+        assert_agrees(&format!("furnace, {integrator:?}"), &film, &vec![DVec3::ONE; 64 * 64], 0.0);
         // Five standard errors.
         let mean = film.mean_and_standard_error().mean;
-        assert!(
-            (mean - 1.0).abs().max_element() < 1e-3,
-            "{integrator:?}: the furnace's mean is {mean}"
-        );
+        assert!((mean - 1.0).abs().max_element() < 1e-3, "{integrator:?}: the furnace's mean is {mean}");
     }
 }
 
@@ -44,30 +33,11 @@ fn the_furnace_is_empty() {
 #[test]
 fn convex_bodies_vanish_sample_by_sample() {
     let device = device();
-    for keys in [
-        "Kd 1",
-        "illum 3; Ks 1",
-        "illum 6; Ni 1.5",
-        "illum 6; Ni 0.8",
-        "illum 7; Ni 1.5",
-        "illum 7; Ni 2.4",
-    ] {
+    for keys in ["Kd 1", "illum 3; Ks 1", "illum 6; Ni 1.5", "illum 6; Ni 0.8", "illum 7; Ni 1.5", "illum 7; Ni 2.4"] {
         let stage = || Stage::new(outside()).sky(1.0).material(keys);
         let ball = stage().polygons(&sphere(1.0, 12));
-        assert_every_sample(
-            &device,
-            &format!("sphere of {keys}"),
-            &ball,
-            settings(64, 1, 1000),
-            DVec3::ONE,
-        );
-        assert_every_sample(
-            &device,
-            &format!("cube of {keys}"),
-            &stage().cube(0.7),
-            settings(64, 1, 1000),
-            DVec3::ONE,
-        );
+        assert_every_sample(&device, &format!("sphere of {keys}"), &ball, settings(64, 1, 1000), DVec3::ONE);
+        assert_every_sample(&device, &format!("cube of {keys}"), &stage().cube(0.7), settings(64, 1, 1000), DVec3::ONE);
     }
 }
 
@@ -75,20 +45,9 @@ fn convex_bodies_vanish_sample_by_sample() {
 #[test]
 fn a_white_box_without_lid_vanishes() {
     let sides = [DVec3::X, -DVec3::X, DVec3::Z, -DVec3::Z, -DVec3::Y];
-    let open = Stage::new(View::new(dvec3(0.4, 3.0, 2.0), DVec3::ZERO, 50.0))
-        .sky(1.0)
-        .material("Kd 1");
-    let stage = sides
-        .into_iter()
-        .fold(open, |stage, side| stage.square(side, side, 1.0));
-    assert_image(
-        &device(),
-        "open box",
-        &stage,
-        unbounded(32, 64, 0.2),
-        0.0,
-        |_| DVec3::ONE,
-    );
+    let open = Stage::new(View::new(dvec3(0.4, 3.0, 2.0), DVec3::ZERO, 50.0)).sky(1.0).material("Kd 1");
+    let stage = sides.into_iter().fold(open, |stage, side| stage.square(side, side, 1.0));
+    assert_image(&device(), "open box", &stage, unbounded(32, 64, 0.2), 0.0, |_| DVec3::ONE);
 }
 
 /// One bounce from a convex body under a sky of 1 reads the albedo, none reads black.
@@ -96,24 +55,9 @@ fn a_white_box_without_lid_vanishes() {
 fn a_convex_body_reads_its_albedo() {
     let device = device();
     let close = View::new(dvec3(0.0, 0.0, 3.0), DVec3::ZERO, 20.0);
-    let stage = Stage::new(close)
-        .sky(1.0)
-        .material("Kd 0.25 0.5 1")
-        .polygons(&sphere(1.0, 12));
-    assert_every_sample(
-        &device,
-        "albedo",
-        &stage,
-        settings(32, 1, 1),
-        dvec3(0.25, 0.5, 1.0),
-    );
-    assert_every_sample(
-        &device,
-        "no bounce",
-        &stage,
-        settings(32, 1, 0),
-        DVec3::ZERO,
-    );
+    let stage = Stage::new(close).sky(1.0).material("Kd 0.25 0.5 1").polygons(&sphere(1.0, 12));
+    assert_every_sample(&device, "albedo", &stage, settings(32, 1, 1), dvec3(0.25, 0.5, 1.0));
+    assert_every_sample(&device, "no bounce", &stage, settings(32, 1, 0), DVec3::ZERO);
 }
 
 /// A closed wall is dark inside, whichever way its faces turn: no ray slips through an edge.
@@ -122,17 +66,8 @@ fn no_light_leaks_into_a_closed_sphere() {
     let device = device();
     let within = View::new(dvec3(0.3, 0.2, 0.1), DVec3::ONE, 120.0);
     for wall in [sphere(1.0, 24), inside_out(sphere(1.0, 24))] {
-        let stage = Stage::new(within)
-            .sky(1.0)
-            .material("Kd 0.9")
-            .polygons(&wall);
-        assert_every_sample(
-            &device,
-            "closed sphere",
-            &stage,
-            settings(64, 1, 8),
-            DVec3::ZERO,
-        );
+        let stage = Stage::new(within).sky(1.0).material("Kd 0.9").polygons(&wall);
+        assert_every_sample(&device, "closed sphere", &stage, settings(64, 1, 8), DVec3::ZERO);
     }
 }
 
@@ -153,41 +88,13 @@ fn a_lamp_lights_its_sphere() {
     // The channels are three experiments at once.
     let (dark, bright) = (dvec3(0.2, 0.5, 0.9), dvec3(0.99, 0.8, 0.1));
     for (case, albedo, wall, settings, radiance) in [
-        (
-            "unbounded",
-            dark,
-            wall.clone(),
-            unbounded(16, 256, 0.1),
-            limit(dark),
-        ),
-        (
-            "unbounded, bright",
-            bright,
-            inside_out(wall.clone()),
-            unbounded(16, 256, 0.05),
-            limit(bright),
-        ),
-        (
-            "one bounce",
-            bright,
-            wall.clone(),
-            settings(16, 128, 1),
-            bounded(bright, 1),
-        ),
-        (
-            "three bounces",
-            bright,
-            wall,
-            settings(16, 256, 3),
-            bounded(bright, 3),
-        ),
+        ("unbounded", dark, wall.clone(), unbounded(16, 256, 0.1), limit(dark)),
+        ("unbounded, bright", bright, inside_out(wall.clone()), unbounded(16, 256, 0.05), limit(bright)),
+        ("one bounce", bright, wall.clone(), settings(16, 128, 1), bounded(bright, 1)),
+        ("three bounces", bright, wall, settings(16, 256, 3), bounded(bright, 3)),
     ] {
         let keys = format!("Kd {} {} {}", albedo.x, albedo.y, albedo.z);
-        let stage = Stage::new(away_from_lamp)
-            .material("Ke 1")
-            .polygons(&lamp)
-            .material(&keys)
-            .polygons(&wall);
+        let stage = Stage::new(away_from_lamp).material("Ke 1").polygons(&lamp).material(&keys).polygons(&wall);
         assert_image(&device, case, &stage, settings, BIAS, |_| radiance);
     }
 }

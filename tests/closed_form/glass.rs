@@ -46,19 +46,9 @@ fn a_slab_moves_what_is_behind_it() {
         let cos_inside = snell(-d.z, NI).expect("denser glass transmits");
         // Three units of air and one of glass; sideways the direction in glass is 1 / Ni as long.
         let x = 3.0 * d.x / -d.z + d.x / NI / cos_inside;
-        if x.rem_euclid(1.0) < 0.5 {
-            dvec3(1.0, 2.0, 3.0)
-        } else {
-            DVec3::ZERO
-        }
+        if x.rem_euclid(1.0) < 0.5 { dvec3(1.0, 2.0, 3.0) } else { DVec3::ZERO }
     });
-    assert_every_sample(
-        &device,
-        "slab at one bounce",
-        &stage,
-        settings(32, 1, 1),
-        DVec3::ZERO,
-    );
+    assert_every_sample(&device, "slab at one bounce", &stage, settings(32, 1, 1), DVec3::ZERO);
 }
 
 /// From inside a clear block one interface away from the sky: Ni² up to the critical angle, and
@@ -67,25 +57,11 @@ fn a_slab_moves_what_is_behind_it() {
 fn reflection_is_total_from_the_critical_angle() {
     const NI: f64 = 1.5;
     let view = View::new(dvec3(0.0, 0.0, 9.0), dvec3(0.0, 0.0, 10.0), 120.0);
-    let stage = Stage::new(view)
-        .sky(1.0)
-        .material("illum 6; Ni 1.5")
-        .cube(10.0);
+    let stage = Stage::new(view).sky(1.0).material("illum 6; Ni 1.5").cube(10.0);
     let critical_cos = (1.0 - 1.0 / (NI * NI)).sqrt();
-    assert_image(
-        &device(),
-        "critical angle",
-        &stage,
-        settings(64, 32, 1),
-        0.0,
-        |d| {
-            if d.z > critical_cos {
-                DVec3::splat(NI * NI)
-            } else {
-                DVec3::ZERO
-            }
-        },
-    );
+    assert_image(&device(), "critical angle", &stage, settings(64, 32, 1), 0.0, |d| {
+        if d.z > critical_cos { DVec3::splat(NI * NI) } else { DVec3::ZERO }
+    });
 }
 
 /// Radiance in a medium is Ni² times what it is outside: so reads a camera in a glass ball, with
@@ -100,28 +76,10 @@ fn radiance_scales_with_the_square_of_the_index() {
     let inside = View::new(dvec3(0.1, 0.2, 0.3), DVec3::X, 100.0);
     let through = View::new(dvec3(0.0, 0.0, 3.0), DVec3::ZERO, 20.0);
     let tinted = "illum 6; Ni 1.5; Tf 0.5 0.8 1";
-    assert_every_sample(
-        &device,
-        "inside",
-        &stage(inside, tinted),
-        settings(32, 1, 1),
-        0.5 * 2.25 * tint,
-    );
-    assert_every_sample(
-        &device,
-        "through",
-        &stage(through, tinted),
-        settings(32, 1, 2),
-        0.5 * tint * tint,
-    );
+    assert_every_sample(&device, "inside", &stage(inside, tinted), settings(32, 1, 1), 0.5 * 2.25 * tint);
+    assert_every_sample(&device, "through", &stage(through, tinted), settings(32, 1, 2), 0.5 * tint * tint);
     let fresnel = stage(inside, "illum 7; Ni 1.5");
-    assert_every_sample(
-        &device,
-        "inside, Fresnel",
-        &fresnel,
-        settings(32, 1, 64),
-        DVec3::splat(0.5 * 2.25),
-    );
+    assert_every_sample(&device, "inside, Fresnel", &fresnel, settings(32, 1, 64), DVec3::splat(0.5 * 2.25));
 }
 
 /// One interface between a red plane, on the camera's side, and a green one; both are blue. Red
@@ -141,18 +99,11 @@ fn an_interface_splits_light_after_fresnel() {
                 .material("Ke 0 1 1")
                 .square(dvec3(0.0, 0.0, -5.0 * side), dvec3(0.0, 0.0, side), 200.0);
             let eta = if side > 0.0 { ni } else { 1.0 / ni };
-            assert_image(
-                &device,
-                &format!("Ni {ni}, side {side}"),
-                &stage,
-                settings(64, 32, 1),
-                0.0,
-                |d| {
-                    let reflected = fresnel(d.z.abs(), eta);
-                    let transmitted = (1.0 - reflected) / (eta * eta);
-                    dvec3(reflected, transmitted, reflected + transmitted)
-                },
-            );
+            assert_image(&device, &format!("Ni {ni}, side {side}"), &stage, settings(64, 32, 1), 0.0, |d| {
+                let reflected = fresnel(d.z.abs(), eta);
+                let transmitted = (1.0 - reflected) / (eta * eta);
+                dvec3(reflected, transmitted, reflected + transmitted)
+            });
         }
     }
 }

@@ -17,9 +17,7 @@ use crate::stage::*;
 fn irradiance(point: DVec3, normal: DVec3, polygon: &[DVec3]) -> f64 {
     let corners = polygon.iter().map(|corner| (corner - point).normalize());
     let next = corners.clone().cycle().skip(1);
-    let edges = corners
-        .zip(next)
-        .map(|(a, b)| a.angle_between(b) * a.cross(b).normalize().dot(normal));
+    let edges = corners.zip(next).map(|(a, b)| a.angle_between(b) * a.cross(b).normalize().dot(normal));
     0.5 * edges.sum::<f64>().abs()
 }
 
@@ -27,9 +25,7 @@ fn irradiance(point: DVec3, normal: DVec3, polygon: &[DVec3]) -> f64 {
 fn lamp(degrees: f64) -> Vec<DVec3> {
     let turn = DQuat::from_rotation_x(degrees * PI / 180.0);
     let corners = [(-0.6, -0.4), (0.6, -0.4), (0.6, 0.4), (-0.6, 0.4)];
-    corners
-        .map(|(x, z)| dvec3(0.2, 2.0, 0.1) + turn * dvec3(x, 0.0, z))
-        .to_vec()
+    corners.map(|(x, z)| dvec3(0.2, 2.0, 0.1) + turn * dvec3(x, 0.0, z)).to_vec()
 }
 
 /// Looks down on the floor from under the lamps.
@@ -68,48 +64,18 @@ fn a_rectangle_lights_the_floor() {
 #[test]
 fn shading_normals_turn_the_surface() {
     let view = under_the_lamp();
-    let floor = [
-        dvec3(-9.0, 0.0, 6.0),
-        dvec3(9.0, 0.0, 6.0),
-        dvec3(0.0, 0.0, -12.0),
-    ];
-    let normals = [
-        dvec3(-0.4, 1.0, 0.0),
-        dvec3(0.5, 1.0, 0.1),
-        dvec3(0.0, 1.0, 0.6),
-    ]
-    .map(|n: DVec3| n.normalize());
+    let floor = [dvec3(-9.0, 0.0, 6.0), dvec3(9.0, 0.0, 6.0), dvec3(0.0, 0.0, -12.0)];
+    let normals = [dvec3(-0.4, 1.0, 0.0), dvec3(0.5, 1.0, 0.1), dvec3(0.0, 1.0, 0.6)].map(|n: DVec3| n.normalize());
     let lamp = lamp(0.0);
-    let stage = Stage::new(view)
-        .material("Kd 0.5")
-        .shaded_polygon(&floor, &normals)
-        .material("Ke 2")
-        .polygon(&lamp);
-    let part = |a: DVec3, b: DVec3, p: DVec3| {
-        (b - a).cross(p - a).y / (floor[1] - floor[0]).cross(floor[2] - floor[0]).y
-    };
-    assert_image(
-        &device(),
-        "shading normals",
-        &stage,
-        settings(32, 128, 1),
-        1e-4,
-        |d| {
-            let p = floor_point(&view, d);
-            let weights = [
-                part(floor[1], floor[2], p),
-                part(floor[2], floor[0], p),
-                part(floor[0], floor[1], p),
-            ];
-            let normal = normals
-                .iter()
-                .zip(weights)
-                .map(|(n, w)| *n * w)
-                .sum::<DVec3>()
-                .normalize();
-            DVec3::splat(0.5 / PI * 2.0 * irradiance(p, normal, &lamp))
-        },
-    );
+    let stage = Stage::new(view).material("Kd 0.5").shaded_polygon(&floor, &normals).material("Ke 2").polygon(&lamp);
+    let part =
+        |a: DVec3, b: DVec3, p: DVec3| (b - a).cross(p - a).y / (floor[1] - floor[0]).cross(floor[2] - floor[0]).y;
+    assert_image(&device(), "shading normals", &stage, settings(32, 128, 1), 1e-4, |d| {
+        let p = floor_point(&view, d);
+        let weights = [part(floor[1], floor[2], p), part(floor[2], floor[0], p), part(floor[0], floor[1], p)];
+        let normal = normals.iter().zip(weights).map(|(n, w)| *n * w).sum::<DVec3>().normalize();
+        DVec3::splat(0.5 / PI * 2.0 * irradiance(p, normal, &lamp))
+    });
 }
 
 /// A sky whose colour is its direction, 1.5 + d: seen to all sides it shows that it is neither
@@ -132,39 +98,19 @@ fn the_sky_stands_where_it_should() {
     write_image(&file, &sky, &WriteOptions::default()).expect("the folder can be written");
     let device = device();
     let speck = |view| {
-        let far = [
-            dvec3(9.0, 9.0, 9.0),
-            dvec3(9.01, 9.0, 9.0),
-            dvec3(9.0, 9.01, 9.0),
-        ];
-        Stage::new(view)
-            .sky_image(&file)
-            .material("Kd 0")
-            .polygon(&far)
+        let far = [dvec3(9.0, 9.0, 9.0), dvec3(9.01, 9.0, 9.0), dvec3(9.0, 9.01, 9.0)];
+        Stage::new(view).sky_image(&file).material("Kd 0").polygon(&far)
     };
-    for side in [DVec3::X, DVec3::Y, DVec3::Z]
-        .into_iter()
-        .flat_map(|axis| [axis, -axis])
-    {
+    for side in [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]) {
         let case = format!("sky towards {side}");
         let stage = speck(View::new(DVec3::ZERO, side, 60.0));
-        assert_image(&device, &case, &stage, settings(16, 16, 0), BIAS, |d| {
-            1.5 + d
-        });
+        assert_image(&device, &case, &stage, settings(16, 16, 0), BIAS, |d| 1.5 + d);
     }
     for normal in [DVec3::Y, dvec3(0.6, 0.0, 0.8), dvec3(0.0, -0.8, -0.6)] {
-        let view = View::new(
-            normal + 0.1 * normal.any_orthonormal_vector(),
-            DVec3::ZERO,
-            40.0,
-        );
-        let stage = speck(view)
-            .material("Kd 0.8")
-            .square(DVec3::ZERO, normal, 10.0);
+        let view = View::new(normal + 0.1 * normal.any_orthonormal_vector(), DVec3::ZERO, 40.0);
+        let stage = speck(view).material("Kd 0.8").square(DVec3::ZERO, normal, 10.0);
         let case = format!("floor towards {normal}");
-        assert_image(&device, &case, &stage, settings(16, 256, 1), BIAS, |_| {
-            0.8 * (1.5 + normal * (2.0 / 3.0))
-        });
+        assert_image(&device, &case, &stage, settings(16, 256, 1), BIAS, |_| 0.8 * (1.5 + normal * (2.0 / 3.0)));
     }
 }
 
@@ -184,13 +130,7 @@ fn light_is_found_through_a_pane() {
         .square(dvec3(0.0, 1.0, 0.0), -DVec3::Y, 1000.0);
     let albedo = dvec3(0.25, 0.5, 1.0);
     assert_every_sample(&device, "pane", &stage, settings(32, 1, 3), albedo);
-    assert_every_sample(
-        &device,
-        "pane at two bounces",
-        &stage,
-        settings(32, 1, 2),
-        DVec3::ZERO,
-    );
+    assert_every_sample(&device, "pane at two bounces", &stage, settings(32, 1, 2), DVec3::ZERO);
 }
 
 /// Both integrators have one expectation for every number of bounces: in a box, and where light
@@ -201,15 +141,10 @@ fn integrators_agree_bounce_by_bounce() {
     for name in ["cornell-box", "cornell-caustic"] {
         let scene = own_scene(name);
         for bounces in 0..=4 {
-            let [implicit, explicit] =
-                [(Implicit, 768), (Explicit, 256)].map(|(integrator, samples)| {
-                    let settings = Settings {
-                        integrator,
-                        seed: samples,
-                        ..settings(32, samples, bounces)
-                    };
-                    render_on(&device, &scene, &settings).film
-                });
+            let [implicit, explicit] = [(Implicit, 768), (Explicit, 256)].map(|(integrator, samples)| {
+                let settings = Settings { integrator, seed: samples, ..settings(32, samples, bounces) };
+                render_on(&device, &scene, &settings).film
+            });
             assert_same_mean(&format!("{name}, {bounces} bounces"), &implicit, &explicit);
         }
     }

@@ -16,17 +16,8 @@ fn a_corridor_of_mirrors_dims_by_each_reflection() {
     const LENGTH: f64 = 6.0;
     let ks = dvec3(1.0, 0.9, 0.5);
     let mirror = |z: f64, towards: f64| {
-        let corners = [
-            dvec3(-50.0, -50.0, z),
-            dvec3(50.0, -50.0, z),
-            dvec3(50.0, 50.0, z),
-            dvec3(-50.0, 50.0, z),
-        ];
-        if towards > 0.0 {
-            corners
-        } else {
-            [corners[3], corners[2], corners[1], corners[0]]
-        }
+        let corners = [dvec3(-50.0, -50.0, z), dvec3(50.0, -50.0, z), dvec3(50.0, 50.0, z), dvec3(-50.0, 50.0, z)];
+        if towards > 0.0 { corners } else { [corners[3], corners[2], corners[1], corners[0]] }
     };
     // The far mirror is seen from its back: mirrors have two sides.
     let stage = Stage::new(View::new(DVec3::ZERO, dvec3(1.0, 0.0, 0.4), 80.0))
@@ -37,21 +28,10 @@ fn a_corridor_of_mirrors_dims_by_each_reflection() {
         .square(dvec3(LENGTH, 0.0, 0.0), -DVec3::X, 60.0);
     let device = device();
     for bounces in [0, 1, 3, 8] {
-        assert_image(
-            &device,
-            &format!("{bounces} bounces"),
-            &stage,
-            settings(64, 32, bounces),
-            0.0,
-            |d| {
-                let reflections = (0.5 * (LENGTH * d.z / d.x + 1.0)).floor().abs();
-                if reflections <= f64::from(bounces) {
-                    2.0 * ks.powf(reflections)
-                } else {
-                    DVec3::ZERO
-                }
-            },
-        );
+        assert_image(&device, &format!("{bounces} bounces"), &stage, settings(64, 32, bounces), 0.0, |d| {
+            let reflections = (0.5 * (LENGTH * d.z / d.x + 1.0)).floor().abs();
+            if reflections <= f64::from(bounces) { 2.0 * ks.powf(reflections) } else { DVec3::ZERO }
+        });
     }
 }
 
@@ -65,8 +45,7 @@ fn phong_albedo(ns: f64, cos_view: f64) -> f64 {
     let rings = (0..STEPS).map(|i| midpoint(i).powf(1.0 / (ns + 1.0)));
     let ring = |cos: f64| {
         let sin = (1.0 - cos * cos).sqrt();
-        let around = (0..STEPS)
-            .map(|j| (cos * cos_view + sin * sin_view * (TAU * midpoint(j)).cos()).max(0.0));
+        let around = (0..STEPS).map(|j| (cos * cos_view + sin * sin_view * (TAU * midpoint(j)).cos()).max(0.0));
         around.sum::<f64>() / f64::from(STEPS)
     };
     rings.map(ring).sum::<f64>() / f64::from(STEPS)
@@ -80,27 +59,15 @@ fn a_phong_floor_reads_its_albedo() {
     let (kd, ks) = (dvec3(0.5, 0.2, 0.0), dvec3(0.5, 0.4, 1.0));
     for ns in [1.0_f64, 20.0, 300.0] {
         let straight: f64 = (ns + 1.0) / (ns + 2.0);
-        assert!(
-            (phong_albedo(ns, 1.0) - straight).abs() < 1e-4,
-            "the quadrature is off"
-        );
-        for (degrees, lobe) in [
-            (0.0, straight),
-            (70.0, phong_albedo(ns, (70.0 * PI / 180.0).cos())),
-        ] {
+        assert!((phong_albedo(ns, 1.0) - straight).abs() < 1e-4, "the quadrature is off");
+        for (degrees, lobe) in [(0.0, straight), (70.0, phong_albedo(ns, (70.0 * PI / 180.0).cos()))] {
             let (sin, cos) = (degrees * PI / 180.0).sin_cos();
             // A millidegree is one angle.
             let view = View::new(2.0 * dvec3(sin, cos, 0.0), DVec3::ZERO, 1e-3);
             let keys = format!("Kd 0.5 0.2 0; Ks 0.5 0.4 1; Ns {ns}");
-            let stage =
-                Stage::new(view)
-                    .sky(1.0)
-                    .material(&keys)
-                    .square(DVec3::ZERO, DVec3::Y, 10.0);
+            let stage = Stage::new(view).sky(1.0).material(&keys).square(DVec3::ZERO, DVec3::Y, 10.0);
             let case = format!("Ns {ns} at {degrees} degrees");
-            assert_image(&device, &case, &stage, settings(16, 256, 1), 1e-4, |_| {
-                kd + ks * lobe
-            });
+            assert_image(&device, &case, &stage, settings(16, 256, 1), 1e-4, |_| kd + ks * lobe);
         }
     }
 }

@@ -15,21 +15,12 @@ fn paths_in_flight_change_no_bit() {
     let scene = own_scene("cornell-caustic");
     for integrator in BOTH {
         let film = |in_flight| {
-            let settings = Settings {
-                width: 40,
-                height: 30,
-                integrator,
-                in_flight,
-                ..unbounded(0, 20, 0.2)
-            };
+            let settings = Settings { width: 40, height: 30, integrator, in_flight, ..unbounded(0, 20, 0.2) };
             render_on(&device, &scene, &settings).film
         };
         let first = film(None);
         for in_flight in [None, Some(1000), Some(4096), Some(65_536)] {
-            assert!(
-                film(in_flight) == first,
-                "{integrator:?} differs with {in_flight:?} paths in flight"
-            );
+            assert!(film(in_flight) == first, "{integrator:?} differs with {in_flight:?} paths in flight");
         }
     }
 }
@@ -37,23 +28,10 @@ fn paths_in_flight_change_no_bit() {
 /// One triangle is a scene.
 #[test]
 fn one_triangle_is_a_scene() {
-    let corners = [
-        dvec3(-9.0, 0.0, -9.0),
-        dvec3(0.0, 0.0, 9.0),
-        dvec3(9.0, 0.0, -9.0),
-    ];
+    let corners = [dvec3(-9.0, 0.0, -9.0), dvec3(0.0, 0.0, 9.0), dvec3(9.0, 0.0, -9.0)];
     let view = View::new(dvec3(0.0, 2.0, -1.0), dvec3(0.0, 0.0, -1.0), 40.0);
-    let stage = Stage::new(view)
-        .sky(1.0)
-        .material("Kd 0.5")
-        .polygon(&corners);
-    assert_every_sample(
-        &device(),
-        "one triangle",
-        &stage,
-        settings(32, 1, 8),
-        DVec3::splat(0.5),
-    );
+    let stage = Stage::new(view).sky(1.0).material("Kd 0.5").polygon(&corners);
+    assert_every_sample(&device(), "one triangle", &stage, settings(32, 1, 8), DVec3::splat(0.5));
 }
 
 /// Surfaces that lie in each other do not shade each other, whichever side is the front.
@@ -62,16 +40,8 @@ fn coincident_floors_are_one_floor() {
     let view = View::new(dvec3(0.3, 2.0, 1.0), DVec3::ZERO, 40.0);
     let floor = |stage: Stage, normal| stage.square(dvec3(0.1, 0.3, 0.7), normal, 9.0);
     let sides = [DVec3::Y, DVec3::Y, -DVec3::Y];
-    let stage = sides
-        .into_iter()
-        .fold(Stage::new(view).sky(1.0).material("Kd 0.5"), floor);
-    assert_every_sample(
-        &device(),
-        "three floors in one",
-        &stage,
-        settings(64, 1, 8),
-        DVec3::splat(0.5),
-    );
+    let stage = sides.into_iter().fold(Stage::new(view).sky(1.0).material("Kd 0.5"), floor);
+    assert_every_sample(&device(), "three floors in one", &stage, settings(64, 1, 8), DVec3::splat(0.5));
 }
 
 /// A body far from the origin and small is a body: vanishing in the furnace shows its hits.
@@ -80,21 +50,10 @@ fn small_and_far_bodies_vanish_too() {
     let device = device();
     let centre = dvec3(1e6, -2e6, 3e5);
     for keys in ["Kd 1", "illum 6; Ni 1.5", "illum 7; Ni 1.5"] {
-        let ball = sphere(0.01, 12)
-            .into_iter()
-            .map(|polygon| polygon.into_iter().map(|p| p + centre).collect());
+        let ball = sphere(0.01, 12).into_iter().map(|polygon| polygon.into_iter().map(|p| p + centre).collect());
         let view = View::new(centre + dvec3(0.0, 0.01, 0.03), centre, 50.0);
-        let stage = Stage::new(view)
-            .sky(1.0)
-            .material(keys)
-            .polygons(&ball.collect::<Vec<_>>());
-        assert_every_sample(
-            &device,
-            &format!("far ball of {keys}"),
-            &stage,
-            settings(64, 1, 1000),
-            DVec3::ONE,
-        );
+        let stage = Stage::new(view).sky(1.0).material(keys).polygons(&ball.collect::<Vec<_>>());
+        assert_every_sample(&device, &format!("far ball of {keys}"), &stage, settings(64, 1, 1000), DVec3::ONE);
     }
 }
 
@@ -104,27 +63,10 @@ fn a_camera_in_a_surface_sees_floor_or_sky() {
     let device = device();
     for keys in ["Kd 1", "illum 3; Ks 1", "illum 6; Ni 1.5"] {
         let view = View::new(DVec3::ZERO, -DVec3::Z, 60.0);
-        let stage = Stage::new(view)
-            .sky(1.0)
-            .material(keys)
-            .square(DVec3::ZERO, DVec3::Y, 1.0)
-            .cube(1.0);
+        let stage = Stage::new(view).sky(1.0).material(keys).square(DVec3::ZERO, DVec3::Y, 1.0).cube(1.0);
         for integrator in BOTH {
-            let film = render_on(
-                &device,
-                &stage.scene(),
-                &Settings {
-                    integrator,
-                    ..settings(32, 4, 16)
-                },
-            )
-            .film;
-            assert!(
-                film.sum
-                    .iter()
-                    .all(|sum| sum.is_finite() && sum.min_element() >= 0.0),
-                "{keys}, {integrator:?}"
-            );
+            let film = render_on(&device, &stage.scene(), &Settings { integrator, ..settings(32, 4, 16) }).film;
+            assert!(film.sum.iter().all(|sum| sum.is_finite() && sum.min_element() >= 0.0), "{keys}, {integrator:?}");
         }
     }
 }
@@ -141,13 +83,7 @@ fn lamps_without_area_are_dark() {
         .material("Ke 1")
         .polygon(&[point, point, point])
         .polygon(&[point, point + DVec3::X, point + 2.0 * DVec3::X]);
-    assert_every_sample(
-        &device,
-        "lamps of no area",
-        &stage,
-        settings(32, 1, 2),
-        DVec3::ZERO,
-    );
+    assert_every_sample(&device, "lamps of no area", &stage, settings(32, 1, 2), DVec3::ZERO);
     let lit = stage.square(dvec3(0.0, 3.0, 0.0), -DVec3::Y, 1.0).scene();
     let film = render_on(&device, &lit, &settings(32, 4, 2)).film;
     assert!(film.mean_and_standard_error().mean.min_element() > 0.0);

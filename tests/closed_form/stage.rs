@@ -23,13 +23,7 @@ pub struct View {
 
 impl View {
     pub fn new(eye: DVec3, target: DVec3, vfov: f64) -> Self {
-        Self {
-            eye,
-            target,
-            vfov,
-            aperture: 0.0,
-            focus: 1.0,
-        }
+        Self { eye, target, vfov, aperture: 0.0, focus: 1.0 }
     }
 
     /// +y, or +z where the view is along y.
@@ -60,18 +54,12 @@ pub struct Stage {
 impl Stage {
     pub fn new(view: View) -> Self {
         let obj = "mtllib scene.mtl\n".to_owned();
-        Self {
-            view,
-            obj,
-            mtl: String::new(),
-            environment: String::new(),
-        }
+        Self { view, obj, mtl: String::new(), environment: String::new() }
     }
 
     /// Light of one radiance from everywhere.
     pub fn sky(mut self, radiance: f64) -> Self {
-        self.environment =
-            format!("[environment]\nradiance = [{radiance}, {radiance}, {radiance}]\n");
+        self.environment = format!("[environment]\nradiance = [{radiance}, {radiance}, {radiance}]\n");
         self
     }
 
@@ -101,10 +89,7 @@ impl Stage {
     pub fn shaded_polygon(mut self, corners: &[DVec3], normals: &[DVec3]) -> Self {
         self.corners("v", corners);
         self.corners("vn", normals);
-        let face: Vec<String> = (1..=corners.len())
-            .rev()
-            .map(|i| format!("-{i}//-{i}"))
-            .collect();
+        let face: Vec<String> = (1..=corners.len()).rev().map(|i| format!("-{i}//-{i}")).collect();
         writeln!(self.obj, "f {}", face.join(" ")).expect("strings grow");
         self
     }
@@ -116,39 +101,24 @@ impl Stage {
     }
 
     pub fn polygons<'a>(self, polygons: impl IntoIterator<Item = &'a Vec<DVec3>>) -> Self {
-        polygons
-            .into_iter()
-            .fold(self, |stage, polygon| stage.polygon(polygon))
+        polygons.into_iter().fold(self, |stage, polygon| stage.polygon(polygon))
     }
 
     /// A square of half side `half` about `centre`, its front towards `normal`.
     pub fn square(self, centre: DVec3, normal: DVec3, half: f64) -> Self {
         let a = half * normal.any_orthonormal_vector();
         let b = normal.cross(a);
-        self.polygon(&[
-            centre - a - b,
-            centre + a - b,
-            centre + a + b,
-            centre - a + b,
-        ])
+        self.polygon(&[centre - a - b, centre + a - b, centre + a + b, centre - a + b])
     }
 
     /// A box about the origin, its fronts outwards.
     pub fn cube(self, half: f64) -> Self {
-        let sides = [DVec3::X, DVec3::Y, DVec3::Z]
-            .into_iter()
-            .flat_map(|axis| [axis, -axis]);
+        let sides = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]);
         sides.fold(self, |stage, side| stage.square(half * side, side, half))
     }
 
     pub fn scene(&self) -> Scene {
-        let View {
-            eye,
-            target,
-            vfov,
-            aperture,
-            focus,
-        } = self.view;
+        let View { eye, target, vfov, aperture, focus } = self.view;
         let toml = format!(
             "[camera]\neye = {}\ntarget = {}\nup = {}\nvfov = {vfov}\naperture = {aperture}\nfocus = {focus}\n\
              [[mesh]]\nfile = \"scene.obj\"\n{}",
@@ -168,8 +138,7 @@ fn array(v: DVec3) -> String {
 /// A sphere about the origin of `rows` bands, twice as many around; flat, its fronts outwards.
 pub fn sphere(radius: f64, rows: u32) -> Vec<Vec<DVec3>> {
     let point = |row: u32, column: u32| {
-        let (sin_row, cos_row) =
-            (std::f64::consts::PI * f64::from(row) / f64::from(rows)).sin_cos();
+        let (sin_row, cos_row) = (std::f64::consts::PI * f64::from(row) / f64::from(rows)).sin_cos();
         let (sin, cos) = (std::f64::consts::PI * f64::from(column) / f64::from(rows)).sin_cos();
         radius * dvec3(sin_row * sin, cos_row, sin_row * cos)
     };
@@ -180,12 +149,7 @@ pub fn sphere(radius: f64, rows: u32) -> Vec<Vec<DVec3>> {
             match row {
                 0 => vec![point(0, 0), point(1, column), point(1, next)],
                 _ if row + 1 == rows => vec![point(row, column), point(rows, 0), point(row, next)],
-                _ => vec![
-                    point(row, column),
-                    point(row + 1, column),
-                    point(row + 1, next),
-                    point(row, next),
-                ],
+                _ => vec![point(row, column), point(row + 1, column), point(row + 1, next), point(row, next)],
             }
         })
         .collect()
@@ -199,11 +163,6 @@ pub fn inside_out(mut polygons: Vec<Vec<DVec3>>) -> Vec<Vec<DVec3>> {
 
 /// Area of plane convex polygons.
 pub fn area(polygons: &[Vec<DVec3>]) -> f64 {
-    let fan = |p: &Vec<DVec3>| {
-        p.windows(2)
-            .map(|e| (e[0] - p[0]).cross(e[1] - p[0]))
-            .sum::<DVec3>()
-            .length()
-    };
+    let fan = |p: &Vec<DVec3>| p.windows(2).map(|e| (e[0] - p[0]).cross(e[1] - p[0])).sum::<DVec3>().length();
     polygons.iter().map(|polygon| 0.5 * fan(polygon)).sum()
 }

@@ -1,6 +1,10 @@
 //! What GPU tests share: a device under validation, scenes from text, renders.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+pub mod meshes;
+pub mod optics;
+pub mod probe;
+
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

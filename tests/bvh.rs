@@ -1,0 +1,150 @@
+//! The hierarchy itself, over whatever triangles: no GPU is asked.
+
+mod common;
+
+use common::meshes::{ball, cuboid, soup};
+use common::probe::Uniform;
+use glam::{DVec3, Vec3};
+use proptest::prelude::*;
+use raywave::bvh::{Bvh, Ray, trace_any, trace_closest};
+use raywave::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES, NO_TRIANGLE};
+use raywave::layout::Triangle;
+
+type Corners = [Vec3; 3];
+
+fn triangles_of(bvh: &Bvh, corners: &[Corners]) -> Vec<Triangle> {
+    let triangle = |&original: &u32| {
+        let [v0, v1, v2] = corners[original as usize].map(|v| v.to_array());
+        Triangle { v0, original, v1, material: 0, v2, unused: 0 }
+    };
+    bvh.order.iter().map(triangle).collect()
+}
+
+/// Checks everything that the kernels rely on.
+fn validate(corners: &[Corners]) -> Bvh {
+    let bvh = Bvh::build(corners);
+    let mut order = bvh.order.clone();
+    order.sort_unstable();
+    assert!(order.iter().copied().eq(0..corners.len() as u32), "every triangle is in the order once");
+
+    let mut visited = vec![false; bvh.nodes.len()];
+    let mut held = vec![0; corners.len()];
+    let (mut depth, mut leaves) = (0, 0);
+    // (node, inner nodes down to it, the box that its parent gives it)
+    let mut open = vec![(0_u32, 1, [Vec3::NEG_INFINITY, Vec3::INFINITY])];
+    while let Some((index, level, [low, high])) = open.pop() {
+        assert!(!std::mem::replace(&mut visited[index as usize], true), "a node has one parent");
+        depth = depth.max(level);
+        let node = &bvh.nodes[index as usize];
+        for (child_low, child_high, child) in
+            [(node.left_low, node.left_high, node.left), (node.right_low, node.right_high, node.right)]
+        {
+            let bounds = [child_low, child_high].map(Vec3::from);
+            if child & LEAF_BIT == 0 {
+                assert!(bounds[0].cmpge(low).all() && bounds[1].cmple(high).all(), "a box lies in its parent's");
+                open.push((child, level + 1, bounds));
+                continue;
+            }
+            let first = child & ((1 << LEAF_COUNT_SHIFT) - 1);
+            let count = (child & !LEAF_BIT) >> LEAF_COUNT_SHIFT;
+            assert!(count <= LEAF_MAX_TRIANGLES);
+            leaves += u32::from(count > 0);
+            for place in first..first + count {
+                held[place as usize] += 1;
+                for v in corners[bvh.order[place as usize] as usize] {
+                    assert!(v.cmpge(bounds[0]).all() && v.cmple(bounds[1]).all(), "a box holds its triangles");
+                }
+            }
+        }
+    }
+    assert!(visited.iter().all(|&visited| visited), "every node is reached");
+    assert!(held.iter().all(|&count| count == 1), "every triangle is in one leaf");
+    assert_eq!((bvh.depth, bvh.leaf_count), (depth, leaves));
+    assert!(bvh.sah_cost.is_finite());
+    bvh
+}
+
+/// Checks that a ray to the middle of a triangle that has an area meets it or something nearer.
+fn triangles_are_found(bvh: &Bvh, corners: &[Corners]) {
+    let triangles = triangles_of(bvh, corners);
+    let eye = Vec3::new(3.1, -2.7, 4.3);
+    for [a, b, c] in corners.iter().step_by(1 + corners.len() / 200) {
+        let target = (*a + *b + *c) / 3.0;
+        let normal = (*b - *a).cross(*c - *a);
+        let longest = (*b - *a).length().max((*c - *a).length()).max((*c - *b).length());
+        if normal.normalize_or_zero().dot((target - eye).normalize()).abs() < 1e-2
+            || normal.length() < 1e-2 * longest * longest
+        {
+            continue;
+        }
+        let ray = Ray { origin: eye, direction: target - eye, leaves: NO_TRIANGLE };
+        let hit = trace_closest(bvh, &triangles, &ray).expect("something is met");
+        assert!(hit.distance < 1.0 + 1e-4);
+        assert!(trace_any(bvh, &triangles, &ray, NO_TRIANGLE, 1.0 + 1e-4));
+    }
+}
+
+fn check(mesh: &[[DVec3; 3]]) -> Bvh {
+    let corners: Vec<Corners> = mesh.iter().map(|t| t.map(|v| v.as_vec3())).collect();
+    let bvh = validate(&corners);
+    triangles_are_found(&bvh, &corners);
+    bvh
+}
+
+#[test]
+fn bodies_and_soups_make_valid_trees() {
+    let mut random = Uniform::new(1);
+    check(&cuboid(DVec3::NEG_ONE, DVec3::ONE));
+    check(&ball(40, 20));
+    check(&soup(3000, 0.2, 1.0, &mut random));
+    check(&soup(3000, 2.0, 1e-4, &mut random));
+}
+
+#[test]
+fn a_single_triangle_is_a_tree() {
+    let bvh = check(&[[DVec3::ZERO, DVec3::X, DVec3::Y]]);
+    assert_eq!((bvh.nodes.len(), bvh.depth, bvh.leaf_count), (1, 1, 1));
+}
+
+#[test]
+fn triangles_without_extent_or_without_difference_make_shallow_trees() {
+    let point = [DVec3::new(0.25, 0.5, -0.75); 3];
+    let line = [DVec3::ZERO, DVec3::X, 0.5 * DVec3::X];
+    let triangle = [DVec3::ZERO, DVec3::X, DVec3::Y];
+    for one in [point, line, triangle] {
+        for count in [2, 9, 3000] {
+            let bvh = check(&vec![one; count]);
+            // The stack of the kernels has an entry for each level.
+            let allowed = 60 + bvh.leaf_count.next_power_of_two().ilog2();
+            assert!(bvh.depth <= allowed, "{count} times the same make a tree of depth {}", bvh.depth);
+        }
+    }
+}
+
+#[test]
+fn sizes_of_every_magnitude_make_valid_trees() {
+    let nested: Vec<_> =
+        (0..100).map(|i| [DVec3::ZERO, DVec3::X, DVec3::Y].map(|v| v * f64::from(-i).exp2())).collect();
+    check(&nested);
+    let apart: Vec<_> =
+        (0..100).map(|i| [DVec3::ZERO, DVec3::X, DVec3::Y].map(|v| (v + DVec3::Z) * f64::from(-i).exp2())).collect();
+    check(&apart);
+}
+
+/// A coordinate: often on a coarse grid, so that triangles touch, coincide and lie in planes.
+fn coordinate() -> impl Strategy<Value = f64> {
+    prop_oneof![-1.0..1.0_f64, (-4..=4_i32).prop_map(|i| f64::from(i) / 4.0), Just(0.0), Just(1e-30)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn any_triangles_make_a_valid_tree(
+        corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3(coordinate())), 1..150),
+        copies in 1..4_usize,
+    ) {
+        let mesh: Vec<[DVec3; 3]> = corners.iter().map(|t| t.map(DVec3::from)).collect();
+        check(&mesh.repeat(copies));
+    }
+}

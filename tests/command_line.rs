@@ -1,0 +1,495 @@
+//! The program as its users run it: exit codes, messages, files and numbers. What is malformed
+//! gives one line on stderr and exit code 2, and leaves no file behind.
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use common::device;
+use glam::Vec3;
+use raywave::film::{Image, WriteOptions, image_bytes, read_image, read_metadata};
+use raywave::gpu::GpuError;
+use raywave::render::{PreparedScene, RenderError, Session, Settings};
+use raywave::scene::Scene;
+use serde_json::Value;
+use tempfile::TempDir;
+
+const CAMERA: &str = "[camera]\neye = [0, 0, 5]\ntarget = [0, 0, 0]\nvfov = 40\n";
+const LAMP_MTL: &str = "newmtl lamp\nKe 1 1 1\n";
+
+/// A folder that the program runs in, with images and scenes to take.
+struct Folder(TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        let folder = Self(tempfile::tempdir().expect("a temporary folder"));
+        folder.write("lamp.mtl", LAMP_MTL);
+        for (name, width) in [("small.png", 2), ("small.exr", 2), ("wide.png", 3), ("wide.exr", 3)] {
+            folder.write(name, image(name, width));
+        }
+        folder
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn write(&self, name: &str, contents: impl AsRef<[u8]>) {
+        fs::write(self.path(name), contents).expect("a temporary file");
+    }
+
+    /// A scene file over `lamp.toml`'s parts: `toml` under the camera, `faces` in the mesh.
+    fn scene(&self, name: &str, toml: &str, obj: &str) {
+        self.write(&format!("{name}.obj"), format!("mtllib lamp.mtl\nusemtl lamp\n{obj}"));
+        self.write(&format!("{name}.toml"), format!("{toml}[[mesh]]\nfile = \"{name}.obj\"\n"));
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_raywave"));
+        command.current_dir(self.0.path()).args(arguments);
+        command
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().expect("the program starts")
+    }
+
+    /// Runs what must succeed; what it prints to stdout.
+    fn succeed(&self, arguments: &[&str]) -> String {
+        let output = self.run(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+        text(&output.stdout)
+    }
+
+    /// Names and contents of all files.
+    fn files(&self) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
+        let entries = fs::read_dir(self.0.path()).expect("the folder is there");
+        let paths = entries.map(|entry| entry.expect("the folder is readable").path());
+        paths.map(|path| (path.clone(), fs::read(path).ok())).collect()
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).expect("the program writes UTF-8")
+}
+
+fn image(name: &str, width: u32) -> Vec<u8> {
+    let image = Image::new(width, 2, vec![Vec3::splat(0.5); 2 * width as usize]);
+    image_bytes(Path::new(name), &image, &WriteOptions::default()).expect("a small image")
+}
+
+/// Invocations that are refused, each with a part of the message. Arguments are split at blanks.
+#[rustfmt::skip]
+const REFUSED: &[(&str, &str)] = &[
+    // Arguments
+    ("rneder -o a.png", "unrecognized subcommand 'rneder'"),
+    ("render", "--output <FILE>"),
+    ("render -o a.png --unknown", "unexpected argument '--unknown'"),
+    ("render -o a.png one.obj two.obj", "unexpected argument 'two.obj'"),
+    ("render -o a.png --width 0", "0 is not in 1..=65536"),
+    ("render -o a.png --width 0 --height 0", "0 is not in 1..=65536"),
+    ("render -o a.png --height -5", "-5"),
+    ("render -o a.png --width 9999999999", "--width <WIDTH>"),
+    ("render -o a.png --width 1x1", "invalid digit"),
+    ("render -o a.png --samples 0", "--samples <SAMPLES>"),
+    ("render -o a.png --samples many", "invalid digit"),
+    ("render -o a.png --width 1 --height 1 --samples 1000000000", "1000000000 samples per pixel"),
+    ("render -o a.png --max-bounces -2", "-2 is not in -1..=1000000"),
+    ("render -o a.png --max-bounces -1", "unbounded paths never end without a roulette"),
+    ("render -o a.png --integrator magic", "possible values: implicit, explicit"),
+    ("render -o a.png --roulette 1", "roulette 1 is not a probability"),
+    ("render -o a.png --roulette -0.1", "roulette -0.1 is not a probability"),
+    ("render -o a.png --roulette nan", "roulette NaN is not a probability"),
+    ("render -o a.png --roulette inf", "roulette inf is not a probability"),
+    ("render -o a.png --seed -1", "-1"),
+    ("render -o a.png --in-flight 0", "--in-flight <PATHS>"),
+    ("render -o a.png --exposure nan", "--exposure NaN"),
+    ("render -o a.png --exposure bright", "invalid float literal"),
+    ("render -o a.png --device abacus", "no device is called or numbered 'abacus'; there are: 0 "),
+    ("render -o a.png --device 99", "no device is called or numbered '99'"),
+    ("render -o a.png --width 60000 --height 60000", "60000x60000 pixels needs a film of 230400000000 bytes"),
+
+    // Outputs
+    ("render -o", "--output <FILE>"),
+    ("render -o a", "unknown image format"),
+    ("render -o a.jpg", "unknown image format"),
+    ("render -o nowhere/a.png", "the folder nowhere is missing"),
+    ("render -o folder.png", "it is a folder"),
+    ("render -o lamp.mtl/a.png", "lamp.mtl"),
+    ("render -o a.png --stats nowhere/a.json", "the folder nowhere is missing"),
+    ("render -o a.png --stats folder.png", "it is a folder"),
+    ("render -o a.png --stats a.png", "name the same file"),
+    ("render -o a.png --stats ./a.png", "name the same file"),
+    ("render -o no\nwhere/a.png", "is missing"),
+
+    // Scenes
+    ("render missing.toml -o a.png", "missing.toml: cannot read"),
+    ("render missing.obj -o a.png", "missing.obj: cannot read"),
+    ("render small.png -o a.png", "neither .toml nor .obj"),
+    ("render folder.toml -o a.png", "folder.toml: cannot read"),
+    ("render bytes.toml -o a.png", "bytes.toml:1: not UTF-8"),
+    ("render bytes.obj -o a.png", "no faces"),
+    ("render empty.toml -o a.png", "empty.toml: no [camera]"),
+    ("render no-mesh.toml -o a.png", "no-mesh.toml: no [[mesh]]"),
+    ("render vfov.toml -o a.png", "vfov.toml:4: vfov is outside (0, 180)"),
+    ("render film.toml -o a.png", "film.toml:6: width is outside"),
+    ("render q.toml -o a.png", "q.toml:6: roulette is outside [0, 1)"),
+    ("render magic.toml -o a.png", "magic.toml:6: no integrator `magic`"),
+    ("render sky.toml -o a.png", "sky.toml:6: image `missing.exr` cannot be read"),
+    ("render broken-sky.toml -o a.png", "broken-sky.toml:6: image `broken.exr`"),
+    ("render nan.toml -o a.png", "nan.obj:4: `nan` in a vertex is not finite"),
+    ("render index.toml -o a.png", "index.obj:6: vertex index 4 is out of range"),
+    ("render no-faces.toml -o a.png", "no-faces.obj: no faces"),
+    ("render point.toml -o a.png", "no triangle has an area"),
+    ("render ke.obj -o a.png", "ke.mtl:2: Ke is negative"),
+    ("render texture.obj -o a.png", "texture.mtl:2: image `broken.png`"),
+
+    // The other commands
+    ("info missing.toml", "missing.toml: cannot read"),
+    ("info nan.toml", "is not finite"),
+    ("devices --device abacus", "no device is called or numbered 'abacus'"),
+    ("diff small.png", "<B>"),
+    ("diff small.png missing.png", "missing.png: cannot open"),
+    ("diff small.png wide.png", "cannot compare small.png with wide.png"),
+    ("diff small.exr wide.exr", "cannot compare small.exr with wide.exr"),
+    ("diff broken.png small.png", "broken.png: not a readable PNG image"),
+    ("diff broken.exr small.exr", "broken.exr: not a readable EXR image"),
+    ("diff lamp.mtl small.png", "unknown image format"),
+    ("diff small.png small.png --heatmap nowhere/a.png", "the folder nowhere is missing"),
+    ("diff small.png small.png --scale absolute", "--heatmap <FILE.png>"),
+    ("gallery", "<FOLDER>"),
+    ("gallery a --triangles 3", "3 is not in 5000..=100000000"),
+    ("gallery lamp.mtl", "lamp.mtl: cannot be written"),
+];
+
+/// The files that `REFUSED` names.
+fn broken_files() -> Folder {
+    const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let folder = Folder::new();
+    for name in ["folder.png", "folder.toml"] {
+        fs::create_dir(folder.path(name)).expect("a folder");
+    }
+    for name in ["bytes.toml", "bytes.obj"] {
+        folder.write(name, [0xff, 0xfe, 0, 1, 2]);
+    }
+    for name in ["small.png", "small.exr"] {
+        let whole = fs::read(folder.path(name)).expect("it was just written");
+        folder.write(&name.replace("small", "broken"), &whole[..whole.len() / 2]);
+    }
+    folder.write("empty.toml", "");
+    folder.write("no-mesh.toml", CAMERA);
+    for (name, line) in [
+        ("film", "[film]\nwidth = 0\n"),
+        ("q", "[render]\nroulette = 1.0\n"),
+        ("magic", "[render]\nintegrator = \"magic\"\n"),
+        ("sky", "[environment]\nfile = \"missing.exr\"\n"),
+        ("broken-sky", "[environment]\nfile = \"broken.exr\"\n"),
+    ] {
+        folder.scene(name, &format!("{CAMERA}{line}"), TRIANGLE);
+    }
+    folder.scene("vfov", &CAMERA.replace("40", "180"), TRIANGLE);
+    for (name, obj) in [
+        ("nan", "v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n"),
+        ("index", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n"),
+        ("no-faces", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
+        ("point", "v 0 0 0\nf 1 1 1\n"),
+    ] {
+        folder.scene(name, CAMERA, obj);
+    }
+    for (name, key) in [("ke", "Ke -1 0 0"), ("texture", "map_Kd broken.png")] {
+        let corners = "vt 0 0\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 3/1\n";
+        folder.write(&format!("{name}.mtl"), format!("newmtl a\n{key}\n"));
+        folder.write(&format!("{name}.obj"), format!("mtllib {name}.mtl\nusemtl a\n{corners}"));
+    }
+    folder
+}
+
+#[test]
+fn what_is_malformed_gives_one_line_and_no_file() {
+    let folder = broken_files();
+    let mut before = folder.files();
+    let mut faults = Vec::new();
+    for (line, part) in REFUSED {
+        let arguments: Vec<&str> = line.split(' ').collect();
+        let output = folder.run(&arguments);
+        let message = text(&output.stderr);
+        let well_said = message.starts_with("error: ")
+            && message.ends_with('\n')
+            && message.lines().count() == 1
+            && message.contains(part)
+            && !message.contains("panicked");
+        if output.status.code() != Some(2) || !well_said {
+            faults.push(format!("{line}\n  {}, not about {part:?}:\n{message}", output.status));
+        }
+        let after = folder.files();
+        if after != before {
+            faults.push(format!("{line}\n  changes files"));
+            before = after;
+        }
+    }
+    assert!(REFUSED.len() >= 30);
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+#[test]
+fn help_and_version_are_data() {
+    let folder = Folder::new();
+    assert!(folder.succeed(&["--version"]).starts_with("raywave "));
+    for command in [&[][..], &["render"], &["devices"], &["info"], &["diff"], &["gallery"]] {
+        let help = folder.succeed(&[command, &["--help"]].concat());
+        assert!(help.contains("Usage: raywave"), "{help}");
+    }
+    let output = folder.run(&[]);
+    assert_eq!(output.status.code(), Some(2), "no command is an error");
+    assert!(output.stdout.is_empty() && text(&output.stderr).contains("Usage: raywave"));
+}
+
+#[test]
+fn batches_do_not_change_the_image() {
+    let folder = Folder::new();
+    let bytes = |paths: &str| {
+        folder.succeed(&[&["render", "-o", "box.hdr", "--in-flight", paths], &TINY[..]].concat());
+        fs::read(folder.path("box.hdr")).expect("the image is written")
+    };
+    let whole = bytes("100000");
+    for paths in ["1", "100", "256", "300"] {
+        assert_eq!(bytes(paths), whole, "{paths} paths in flight");
+    }
+}
+
+#[test]
+fn one_pixel_takes_every_sample() {
+    // lavapipe leaves a loop after 65 535 rounds: samples went missing from a large batch.
+    let folder = Folder::new();
+    let bytes = |paths: &str| {
+        let size = ["--width", "1", "--height", "1", "--samples", "100000", "--quiet"];
+        folder.succeed(&[&["render", "-o", "box.hdr", "--in-flight", paths], &size[..]].concat());
+        fs::read(folder.path("box.hdr")).expect("the image is written")
+    };
+    assert_eq!(bytes("100000"), bytes("10000"));
+}
+
+const TINY: [&str; 7] = ["--width", "16", "--height", "16", "--samples", "2", "--quiet"];
+
+#[test]
+fn the_same_command_gives_the_same_bytes() {
+    let folder = Folder::new();
+    for name in ["box.png", "box.exr", "box.hdr"] {
+        let bytes = || {
+            folder.succeed(&[&["render", "-o", name], &TINY[..]].concat());
+            let bytes = fs::read(folder.path(name)).expect("the image is written");
+            fs::remove_file(folder.path(name)).expect("it was just read");
+            bytes
+        };
+        let first = bytes();
+        assert_eq!(first, bytes(), "{name}");
+        folder.write(name, first);
+        let image = read_image(&folder.path(name)).expect("the image is readable");
+        assert_eq!((image.width, image.height), (16, 16), "{name}");
+        assert!(image.pixels.iter().any(|pixel| pixel.max_element() > 0.0), "{name} is black");
+    }
+}
+
+#[test]
+fn statistics_and_metadata_hold_every_setting() {
+    let folder = Folder::new();
+    let flags =
+        ["--integrator", "implicit", "--max-bounces", "-1", "--roulette", "0.25", "--seed", "7", "--in-flight", "100"];
+    folder.succeed(&[&["render", "-o", "box.exr", "--stats", "box.json"], &TINY[..], &flags[..]].concat());
+
+    let json = fs::read_to_string(folder.path("box.json")).expect("the statistics are written");
+    let statistics: Value = serde_json::from_str(&json).expect("the statistics are JSON");
+    for key in ["samples_per_second", "rays_per_second", "wall_seconds", "device_memory_bytes", "bvh_build_seconds"] {
+        assert!(statistics[key].as_f64().is_some_and(|value| value > 0.0), "{key} in {json}");
+    }
+    for key in ["gpu_seconds", "nonfinite_samples", "shadow_rays"] {
+        assert!(statistics[key].is_number(), "{key} in {json}");
+    }
+    assert_eq!(statistics["samples"], 16 * 16 * 2);
+    assert_eq!(statistics["camera_rays"], 16 * 16 * 2);
+    assert_eq!(statistics["triangles"], Scene::cornell_box().mesh.triangles.len());
+    let kernels = statistics["kernels"].as_object().expect("kernels are listed");
+    for kernel in ["generate", "extend", "shade", "connect", "resolve"] {
+        let kernel = &kernels[kernel];
+        assert!(kernel["launches"].as_u64().is_some_and(|n| n > 0) && kernel["gpu_seconds"].is_number(), "{json}");
+    }
+
+    let settings = statistics["settings"].as_object().expect("settings are listed");
+    for (key, value) in [
+        ("width_pixels", Value::from(16)),
+        ("height_pixels", 16.into()),
+        ("samples_per_pixel", 2.into()),
+        ("integrator", "implicit".into()),
+        ("max_bounces", (-1).into()),
+        ("roulette", 0.25.into()),
+        ("seed", 7.into()),
+        ("paths_in_flight", 100.into()),
+        ("scene", "cornell-box".into()),
+        ("scene_hash", Scene::cornell_box().hash.into()),
+        ("device", device().description().name.clone().into()),
+    ] {
+        assert_eq!(settings[key], value, "{key}");
+    }
+    for key in ["raywave_version", "scheduler", "bvh", "driver", "vulkan_version", "workgroup_size_invocations"] {
+        assert!(settings.contains_key(key), "{key} in {json}");
+    }
+
+    let in_image: BTreeMap<String, String> =
+        read_metadata(&folder.path("box.exr")).expect("the image has metadata").into_iter().collect();
+    let as_text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    let in_json = settings.iter().map(|(key, value)| (format!("raywave.{key}"), as_text(value))).collect();
+    assert_eq!(in_image, in_json);
+}
+
+#[test]
+fn a_render_tells_what_it_did() {
+    let folder = Folder::new();
+    let output = folder.run(&[&["render", "-o", "box.png"], &TINY[..6]].concat());
+    assert!(output.status.success() && output.stdout.is_empty());
+    let summary = text(&output.stderr);
+    for part in ["box.png: 16x16, 2 samples per pixel, ", "M samples/s", "M rays/s"] {
+        assert!(summary.contains(part), "{summary}");
+    }
+    let quiet = folder.run(&[&["render", "-o", "box.png"], &TINY[..]].concat());
+    assert!(quiet.stderr.is_empty(), "{}", text(&quiet.stderr));
+}
+
+#[test]
+fn exposure_brightens_a_png() {
+    let folder = Folder::new();
+    let mean = |name, stops| {
+        folder.succeed(&[&["render", "-o", name, "--exposure", stops], &TINY[..]].concat());
+        let pixels = read_image(&folder.path(name)).expect("the image is readable").pixels;
+        pixels.iter().map(|pixel| pixel.element_sum()).sum::<f32>()
+    };
+    assert!(mean("dark.png", "-3") < mean("bright.png", "1"));
+}
+
+#[test]
+fn devices_are_listed_and_one_is_chosen() {
+    let devices = Folder::new().succeed(&["devices"]);
+    let name = device().description().name.clone();
+    assert!(devices.starts_with("0 "), "{devices}");
+    assert!(devices.contains(&format!("{name}  (chosen)")), "{devices}");
+    for row in ["kind", "driver", "Vulkan", "subgroup", "workgroup", "storage buffer", "memory", "clock"] {
+        assert!(devices.lines().any(|line| line.trim_start().starts_with(row)), "{row} in {devices}");
+    }
+}
+
+#[test]
+fn info_tells_of_the_built_in_scene_and_of_files() {
+    let folder = Folder::new();
+    let value = |info: &str, row: &str| -> String {
+        let line = info.lines().find_map(|line| line.strip_prefix(row));
+        line.unwrap_or_else(|| panic!("{row} in {info}")).trim().to_owned()
+    };
+    let built_in = folder.succeed(&["info"]);
+    assert_eq!(value(&built_in, "scene"), "cornell-box");
+    assert_eq!(value(&built_in, "hash"), Scene::cornell_box().hash);
+    assert_eq!(value(&built_in, "triangles"), Scene::cornell_box().mesh.triangles.len().to_string());
+    assert_eq!(value(&built_in, "light triangles"), "2");
+    let path = common::project_file("scenes/cornell-box.toml");
+    let from_file = folder.succeed(&["info", path.to_str().expect("the path is UTF-8")]);
+    assert_eq!(value(&from_file, "hash"), value(&built_in, "hash"));
+    for row in ["bounds", "needs", "BVH nodes", "BVH depth", "BVH SAH cost", "device memory"] {
+        assert!(!value(&from_file, row).is_empty());
+    }
+}
+
+#[test]
+fn an_image_differs_from_itself_by_nothing() {
+    let folder = Folder::new();
+    let report = folder.succeed(&["diff", "small.exr", "small.exr"]);
+    let mse = report.lines().find(|line| line.starts_with("mse")).expect("mse is in the report");
+    assert_eq!(mse.split_whitespace().nth(1).map(str::parse), Some(Ok(0.0)), "{report}");
+    let json: Value =
+        serde_json::from_str(&folder.succeed(&["diff", "small.exr", "small.exr", "--json"])).expect("JSON");
+    assert_eq!(json["whole"]["max_abs_difference"], 0.0);
+}
+
+#[test]
+fn a_gallery_can_be_inspected() {
+    let folder = Folder::new();
+    folder.succeed(&["gallery", "halls", "--triangles", "5000"]);
+    assert!(folder.succeed(&["info", "halls/gallery.toml"]).starts_with("scene            gallery\n"));
+}
+
+#[test]
+fn a_reader_that_leaves_is_no_error() {
+    let folder = Folder::new();
+    for arguments in [&["info"][..], &["devices"], &["diff", "small.exr", "small.exr"], &["--help"]] {
+        let mut child =
+            folder.command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
+        // The program takes longer to load than this takes to close the pipe.
+        drop(child.stdout.take());
+        let output = child.wait_with_output().expect("it ends");
+        assert!(output.status.success() && output.stderr.is_empty(), "{arguments:?}: {}", text(&output.stderr));
+    }
+}
+
+#[cfg(target_os = "linux")]
+/// Waits until the child catches SIGINT, as its signal mask in /proc says.
+fn await_handler(child: &mut Child) {
+    const CATCHES_INTERRUPT: u64 = 1 << 1;
+    let start = Instant::now();
+    while start.elapsed() < Duration::from_secs(60) {
+        assert!(child.try_wait().expect("the child can be asked").is_none(), "the render ends too early");
+        let status = fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
+        let mask = status.lines().find_map(|line| line.strip_prefix("SigCgt:"));
+        if mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).is_some_and(|m| m & CATCHES_INTERRUPT != 0) {
+            return;
+        }
+        sleep(Duration::from_millis(20));
+    }
+    panic!("the render never listens for Ctrl-C");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn ctrl_c_writes_the_samples_that_are_done() {
+    let folder = Folder::new();
+    // Years of work, in batches of a fraction of a second.
+    let arguments = ["render", "-o", "box.exr", "--stats", "box.json", "--width", "32", "--height", "32"];
+    let mut child = folder
+        .command(&[&arguments[..], &["--samples", "16777216", "--in-flight", "4096"]].concat())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    await_handler(&mut child);
+    sleep(Duration::from_millis(300));
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill runs");
+    assert!(killed.success());
+    let output = child.wait_with_output().expect("the render ends");
+    let summary = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{summary}");
+
+    let metadata = read_metadata(&folder.path("box.exr")).expect("the image is written");
+    let (_, samples) = metadata.iter().find(|(key, _)| key == "raywave.samples_per_pixel").expect("samples are told");
+    assert!((1..16_777_216).contains(&samples.parse().expect("samples are a number")));
+    assert!(summary.contains(&format!("{samples} samples per pixel, of 16777216 asked for")), "{summary}");
+    let json = fs::read_to_string(folder.path("box.json")).expect("the statistics are written");
+    let statistics: Value = serde_json::from_str(&json).expect("the statistics are JSON");
+    assert_eq!(statistics["samples"].as_u64(), samples.parse().ok().map(|n: u64| 32 * 32 * n));
+    let image = read_image(&folder.path("box.exr")).expect("the image is readable");
+    assert!(image.pixels.iter().all(|pixel| pixel.is_finite()));
+}
+
+#[test]
+fn a_scene_over_the_limits_of_the_device_is_refused() {
+    let device = device();
+    let scene = Scene::cornell_box();
+    let mut prepared = PreparedScene::new(&scene).expect("the box fits");
+    // More texels than either kind of buffer may have. Untouched zeros cost no memory.
+    let limits = device.description();
+    let texels = 1 + limits.max_texel_buffer_elements.max(limits.max_storage_buffer_bytes / 8);
+    prepared.textures = vec![[0; 2]; texels as usize];
+    let error = Session::new(&device, &prepared, &Settings::of(&scene)).err().expect("the scene is too large");
+    let RenderError::Gpu(GpuError::BufferTooLarge { buffer, needed, allowed, .. }) = error else { panic!("{error}") };
+    assert_eq!((buffer, needed), ("textures", 8 * texels));
+    assert!(allowed < needed);
+}

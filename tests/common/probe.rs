@@ -1,0 +1,193 @@
+//! Calls of single GLSL functions: the probes of `tests/shaders`, on what kernels see of a scene.
+
+use std::f64::consts::TAU;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DVec3, Vec3, Vec4};
+use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription};
+use raywave::layout::Batch;
+use raywave::recording::Recording;
+use raywave::render::{PreparedScene, Settings, scene_buffers};
+use raywave::scene::{Camera, Environment, Material, Mesh, RenderDefaults, Scene, Surface, Triangle};
+use raywave::shaders::{Access, Binding, BindingKind, Kernel, Variant};
+use raywave::stats::SplitMix64;
+
+use super::assert_silent;
+
+include!(concat!(env!("OUT_DIR"), "/probes.rs"));
+
+/// Where probes run: a device and a scene.
+pub struct Bench {
+    pub device: Device,
+    pub scene: PreparedScene,
+    pub settings: Settings,
+    /// How kernels reach memory; the device's own way without.
+    pub access: Option<Access>,
+}
+
+impl Bench {
+    pub fn new(device: &Device, scene: &Scene) -> Self {
+        Self {
+            device: device.clone(),
+            scene: PreparedScene::new(scene).expect("the scene fits"),
+            settings: Settings::of(scene),
+            access: None,
+        }
+    }
+
+    /// What the probe of that name gives for each input.
+    pub fn run<I: Pod, O: Pod>(&self, name: &str, inputs: &[I]) -> Vec<O> {
+        let kernel = PROBES.iter().find(|kernel| kernel.name == name).expect("tests name probes that exist");
+        let workgroup_size = self.device.description().max_workgroup_size.min(256);
+        let items = inputs.len() as u32;
+        let frame = self.scene.frame(&self.settings, items);
+        let state = |name, size, contents| BufferRole { name, usage: BufferUse::State, size, contents };
+        let input_bytes = bytemuck::cast_slice(inputs);
+        let output_size = size_of::<O>() * inputs.len();
+        let probe_buffers = [
+            state("probe_inputs", input_bytes.len() as u64, Some(input_bytes)),
+            state("probe_outputs", output_size as u64, None),
+            state("stack_blocks", self.scene.stack_bytes(items).max(16), None),
+        ];
+        let description = ExecutorDescription {
+            kernels: &[kernel],
+            specialization: &self.scene.specialization(&self.settings, workgroup_size),
+            buffers: scene_buffers(&self.scene, &frame).chain(probe_buffers).collect(),
+            access: self.access,
+        };
+        let mut executor = Executor::new(&self.device, description).expect("the probe is built");
+        let batch = Batch { first_pixel: 0, pixel_count: items, first_sample: 0, sample_count: 1, bounce: 0 };
+        let mut recording = Recording::default();
+        recording.dispatch(kernel.name, items.div_ceil(workgroup_size), batch);
+        executor.submit(&recording).expect("the probe runs");
+        let outputs = bytemuck::pod_collect_to_vec(&executor.read("probe_outputs").expect("the probe ends"));
+        drop(executor);
+        assert_silent(&self.device);
+        outputs
+    }
+}
+
+/// A scene of triangles that all have one material, with all else at its plainest.
+pub fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {
+    let none = [raywave::scene::NONE; 3];
+    let corners = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+    Scene {
+        name: "probe".into(),
+        camera: Camera { eye: DVec3::Z, target: DVec3::ZERO, up: DVec3::Y, vfov: 60.0, aperture: 0.0, focus: 1.0 },
+        width: 1,
+        height: 1,
+        defaults: RenderDefaults::default(),
+        mesh: Mesh {
+            positions: triangles.as_flattened().to_vec(),
+            triangles: corners.map(|positions| Triangle { positions, normals: none, uvs: none, material: 0 }).collect(),
+            ..Mesh::default()
+        },
+        materials: vec![grey()],
+        textures: Vec::new(),
+        environment: Environment::Black,
+        hash: String::new(),
+        warnings: Vec::new(),
+    }
+}
+
+/// A triangle for probes that need no scene.
+pub fn any_scene() -> Scene {
+    scene_of(&[[DVec3::ZERO, DVec3::X, DVec3::Y]])
+}
+
+/// Lambert of reflectance one half.
+pub fn grey() -> Material {
+    Material {
+        name: "grey".into(),
+        surface: Surface::Glossy,
+        kd: Vec3::splat(0.5),
+        ks: Vec3::ZERO,
+        ns: 0.0,
+        ni: 1.0,
+        tf: Vec3::ONE,
+        ke: Vec3::ZERO,
+        map_kd: None,
+    }
+}
+
+/// Input of the probes `glossy` and `specular`: `SurfaceQuery` of `surface_query.glsl`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct SurfaceQuery {
+    pub geometric_normal: [f32; 4],
+    pub shading_normal: [f32; 4],
+    pub wo: [f32; 4],
+    pub wi: [f32; 4],
+    pub choice: f32,
+    pub unused: f32,
+    pub u: [f32; 2],
+    pub material: [u32; 4],
+}
+
+impl SurfaceQuery {
+    /// A flat surface about to be asked for a pair of directions.
+    pub fn new(material: usize, normal: DVec3, wo: DVec3, wi: DVec3) -> Self {
+        Self {
+            geometric_normal: lanes(normal),
+            shading_normal: lanes(normal),
+            wo: lanes(wo),
+            wi: lanes(wi),
+            material: [material as u32, 0, 0, 0],
+            ..Zeroable::zeroed()
+        }
+    }
+}
+
+/// Output of the probe `glossy`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Glossy {
+    pub value: [f32; 3],
+    pub pdf: f32,
+    pub direction: [f32; 4],
+    pub weight: [f32; 4],
+}
+
+/// Output of the probe `specular`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Specular {
+    pub direction: [f32; 4],
+    pub weight: [f32; 4],
+}
+
+/// A vector as GLSL's vec4, rounded.
+pub fn lanes(v: DVec3) -> [f32; 4] {
+    v.as_vec3().extend(0.0).to_array()
+}
+
+/// The first three lanes of a vec4.
+pub fn vector(lanes: [f32; 4]) -> DVec3 {
+    Vec4::from(lanes).truncate().as_dvec3()
+}
+
+/// Uniform numbers as the kernels draw them: multiples of 2^-24 in [0, 1).
+pub struct Uniform(SplitMix64);
+
+impl Uniform {
+    pub fn new(seed: u64) -> Self {
+        Self(SplitMix64::new(seed))
+    }
+
+    pub fn next<const N: usize>(&mut self) -> [f32; N] {
+        std::array::from_fn(|_| (self.0.next_u64() >> 40) as f32 * (-24_f32).exp2())
+    }
+
+    /// Uniform over the unit sphere.
+    pub fn direction(&mut self) -> DVec3 {
+        let [u, v] = self.next();
+        spherical(DVec3::Z, 1.0 - 2.0 * f64::from(u), TAU * f64::from(v))
+    }
+}
+
+/// The unit vector at that cosine from a unit axis, and at that angle around it.
+pub fn spherical(axis: DVec3, cosine: f64, phi: f64) -> DVec3 {
+    let (x, y) = axis.any_orthonormal_pair();
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    sine * (phi.cos() * x + phi.sin() * y) + cosine * axis
+}

@@ -1,0 +1,19 @@
+// A sample of a mirror or of glass.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "probe.glsl"
+#include "surface_query.glsl"
+
+struct Answer {
+    vec4 direction;
+    vec4 weight;
+};
+
+Answer probe(SurfaceQuery query) {
+    Surface surface = surface_of(query);
+    Material material = fetch_material(surface.material, surface.uv);
+    Scatter scatter = scatter_specular(material, surface, query.wo.xyz, query.u.x);
+    return Answer(vec4(scatter.direction, 0.0), vec4(scatter.weight, 0.0));
+}
+
+PROBE(SurfaceQuery, Answer)
