@@ -6,7 +6,9 @@ mod fake_renderer;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
+use clap::Parser;
 use glam::Vec3;
+use raywave::cli::compare::{self, CompareArguments};
 use raywave::export::{Document, Exports, Format};
 use raywave::film::Image;
 use raywave::stats::{Bootstrap, SplitMix64};
@@ -507,5 +509,66 @@ fn a_study_that_is_broken_off_keeps_what_it_has() {
         let combinations = json["scenes"][0]["combinations"].as_array().expect("combinations");
         let runs: usize = combinations.iter().map(|c| c["runs"].as_array().expect("runs").len()).sum();
         assert_eq!(runs, stop.saturating_sub(4), "every timed run is in the file, whole rounds or not");
+    }
+}
+
+// The command line.
+
+#[derive(Debug, clap::Parser)]
+struct CommandLine {
+    #[command(flatten)]
+    compare: CompareArguments,
+}
+
+fn command_line(arguments: &str) -> CompareArguments {
+    CommandLine::try_parse_from(["compare"].into_iter().chain(arguments.split_whitespace())).expect(arguments).compare
+}
+
+#[test]
+fn arguments_become_a_study() {
+    let combinations = |arguments: &str| {
+        let study = compare::study(&command_line(arguments)).expect(arguments);
+        study.design.combinations().len()
+    };
+    assert_eq!(combinations(""), 2, "schedulers, where nothing is said");
+    assert_eq!(combinations("--vary scheduler,workgroup=64,256 --vary in-flight=16k,64k,1M"), 12);
+    assert_eq!(combinations("--crossover"), 2 * 5);
+    assert_eq!(combinations("--crossover materials"), 2 * 6);
+    assert_eq!(combinations("--crossover --vary shading-cost=0,64"), 2 * 2);
+    let study = compare::study(&command_line("a.toml b.toml --rounds 8 --until 3% --max-rounds 50")).expect("fits");
+    assert_eq!(study.rounds, Rounds { min: 8, max: 50, until: Some(0.03) });
+    assert_eq!(study.scenes, ["a.toml", "b.toml"]);
+    assert!(compare::study(&command_line("--rounds 80 --until 0.03 --max-rounds 50")).is_err());
+    for bad in ["--until 0", "--until 100%", "--until soon", "--rounds 0", "--crossover scheduler", "--clock sun"] {
+        let arguments = ["compare"].into_iter().chain(bad.split(' '));
+        assert!(CommandLine::try_parse_from(arguments).is_err(), "{bad}");
+    }
+}
+
+#[test]
+fn a_wrong_image_is_an_error_once_all_is_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let arguments = command_line(&format!(
+        "box --rounds 6 --quiet --json {} --csv {} --markdown {} --html {}",
+        file("a.json"),
+        file("a.csv"),
+        file("a.md"),
+        file("a.html")
+    ));
+    let error = compare::run(&arguments, |_| {
+        let mut renderer = FakeRenderer::new(|_, _| 1.0);
+        renderer.image = Box::new(|call, _| {
+            let mut image = gradient(8, 8);
+            image.pixels[0].x = f32::from(call.configuration.level("scheduler") == Some("megakernel"));
+            Some(image)
+        });
+        Ok((Box::new(renderer), compare::provenance()))
+    })
+    .expect_err("the megakernel's image is wrong");
+    assert!(error.to_string().starts_with("box, megakernel: wrong image: "), "{error}");
+    for name in ["a.json", "a.csv", "a.md", "a.html"] {
+        let text = std::fs::read_to_string(file(name)).expect("it is written");
+        assert!(text.contains("megakernel") && text.contains("wrong"), "{name}");
     }
 }

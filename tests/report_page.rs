@@ -55,7 +55,7 @@ fn example() -> Report {
         if call.scene == "caustic" && wrong.iter().all(|(f, l)| call.configuration.level(f) == Some(l)) {
             let width = image.width;
             for (i, pixel) in image.pixels.iter_mut().enumerate() {
-                if (i as u32 / width / 8 + i as u32 % width / 8) % 5 == 0 {
+                if (i as u32 / width / 8 + i as u32 % width / 8).is_multiple_of(5) {
                     *pixel += Vec3::splat(1e-3 * random.next_f64() as f32);
                 }
             }
