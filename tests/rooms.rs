@@ -8,8 +8,12 @@ use std::path::{Path, PathBuf};
 const ROOMS: &[(&str, &[&str])] = &[
     ("alias", &["layout"]),
     ("bvh", &["constants", "layout"]),
-    ("cli", &["bvh", "constants", "film", "gpu", "layout", "render", "scene", "stats", "whole_file"]),
+    (
+        "cli",
+        &["bvh", "constants", "export", "film", "gpu", "layout", "render", "scene", "stats", "studies", "whole_file"],
+    ),
     ("constants", &[]),
+    ("export", &["film", "stats", "studies", "whole_file"]),
     ("film", &["whole_file"]),
     ("gpu", &["recording", "shaders"]),
     ("layout", &[]),
@@ -20,6 +24,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("scene", &["whole_file"]),
     ("shaders", &[]),
     ("stats", &["film"]),
+    ("studies", &["film", "stats"]),
     ("whole_file", &[]),
 ];
 

@@ -83,3 +83,16 @@ pub fn ratio(estimate: &Estimate) -> String {
     let Estimate { value, low, high } = *estimate;
     format!("{value:.3} [{low:.3}, {high:.3}]")
 }
+
+/// A power of ten: `10⁻⁶`.
+pub fn power_of_ten(exponent: i32) -> String {
+    let raised = |character| match character {
+        '-' => '⁻',
+        '1' => '¹',
+        '2' => '²',
+        '3' => '³',
+        '0' | '4'..='9' => char::from_u32(0x2070 + (character as u32 - '0' as u32)).unwrap_or(character),
+        _ => character,
+    };
+    format!("10{}", exponent.to_string().chars().map(raised).collect::<String>())
+}

@@ -247,10 +247,7 @@ impl Study {
 /// nothing that any contract leaves open.
 fn recheck(combination: &mut CombinationReport, image: Option<Image>, reason: &str) {
     let (Some(image), Some(first)) = (image, &combination.image) else { return };
-    match judge(super::Contract::Bits, &image, first) {
-        Verdict::Wrong { comparison, .. } => {
-            combination.verdict = Verdict::Wrong { reason: reason.to_owned(), comparison };
-        }
-        _ => (),
+    if let Verdict::Wrong { comparison, .. } = judge(super::Contract::Bits, &image, first) {
+        combination.verdict = Verdict::Wrong { reason: reason.to_owned(), comparison };
     }
 }

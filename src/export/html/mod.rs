@@ -17,10 +17,11 @@ use self::plots::{KernelColours, RatioRow, crossing_text};
 use self::svg::escape;
 use self::table::{Cell, table};
 use super::Document;
-use super::numbers::{Unit, bytes, count, grouped, seconds, significant};
+use super::numbers::{Unit, bytes, grouped, power_of_ten, seconds, significant};
 use crate::film::Image;
 use crate::studies::{Clock, CombinationReport, Measurement, Report, SceneReport, Verdict};
 
+const HEAD: &str = include_str!("head.html");
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 /// Most rows of the plot of all scenes; above, it shows each scene's fastest alone.
@@ -49,12 +50,7 @@ impl Page {
         let uris = json!(store.uris).to_string().replace("</", "<\\/");
         let title = title(report);
         format!(
-            "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
-             style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
-             <link rel=\"icon\" href=\"data:,\">\n\
-             <title>raywave compare: {title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
+            "{HEAD}<title>raywave compare: {title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
              {header}<main>\n{overview}{speeds}\
              <section id=\"scenes\"><h2>Where the time goes</h2>\n{tabs}{scenes}</section>\n\
              {work}{starts}{caveats}{provenance}</main>\n\
@@ -279,7 +275,7 @@ fn speeds(report: &Report) -> String {
             Cell::number(c.rays_per_second(), mega),
             Cell::number(typical.map(|t| t.gpu_seconds).filter(|s| *s > 0.0), |v| unit.number(v)),
             Cell::number(Some(c.runs.len() as f64), |v| v.to_string()),
-            Cell::number(Some(caveats_of(c).len() as f64).filter(|n| *n > 0.0), |v| v.to_string()),
+            Cell::number(Some(caveats_of(c).len() as f64).filter(|n| *n > 0.0), |v| v.to_string()).linked("#caveats"),
         ]
     });
     format!(
@@ -395,10 +391,12 @@ fn slider(scene: &SceneReport, store: &mut Store<'_>) -> String {
             Some(comparison) if (image.width, image.height) == (base_image.width, base_image.height) => {
                 let (heat, low, high) = store.add_difference(image, base_image);
                 let note = format!(
-                    "{:.3} % of the pixels differ; relMSE {:.2e}, z {:.2}. Heat map: relative squared error, 10^{low:.0} (black) to 10^{high:.0} (yellow)",
+                    "{:.3} % of the pixels differ; relMSE {:.2e}, z {:.2}. Heat map: relative squared error, {} (black) to {} (yellow)",
                     100.0 * comparison.share_of_differing_pixels,
                     comparison.whole.rel_mse,
                     comparison.whole.z,
+                    power_of_ten(low as i32),
+                    power_of_ten(high as i32),
                 );
                 (heat.to_string(), note)
             }
@@ -431,21 +429,22 @@ fn work(report: &Report) -> String {
     let columns = columns(
         report,
         &[
-            ("camera rays", ""),
-            ("bounce rays", ""),
-            ("shadow rays", ""),
+            ("camera", "M rays"),
+            ("bounce", "M rays"),
+            ("shadow", "M rays"),
             ("nodes", "per ray"),
             ("triangles", "per ray"),
-            ("active lanes", "%"),
-            ("path state moved", ""),
-            ("bandwidth", "path state"),
-            ("device memory", ""),
+            ("lanes", "%"),
+            ("path state", ""),
+            ("moved at", ""),
+            ("memory", ""),
         ],
     );
     let rows = rows(report, |_, c| {
         let typical = c.typical.as_ref();
         let counters = c.counters.as_ref();
-        let rays = |pick: fn(&Measurement) -> u64| Cell::number(typical.map(|t| pick(t) as f64), count);
+        let rays =
+            |pick: fn(&Measurement) -> u64| Cell::number(typical.map(|t| pick(t) as f64), |v| significant(v / 1e6, 3));
         let some_bytes = |value: Option<f64>, unit: &str| {
             Cell::number(value.filter(|b| *b > 0.0), |v| format!("{}{unit}", bytes(v)))
         };
@@ -463,7 +462,7 @@ fn work(report: &Report) -> String {
     });
     format!(
         "<section id=\"work\"><h2>Work</h2>\n<p>Nodes, triangles and lanes are counted in a render of their own, never \
-         in a timed one.</p>\n{}</section>\n",
+         in a timed one. Path state is what the kernels read and write of it, caches left aside.</p>\n{}</section>\n",
         table("Work of all combinations", &columns, &rows)
     )
 }
@@ -531,7 +530,8 @@ fn provenance(document: &Document<'_>) -> String {
     let method = format!(
         "First renders of every combination, unmeasured; then {} to {} rounds{until}. Each round renders every \
          combination once, in a random order (seed {}). Intervals by percentile bootstrap of {} resamples. A ratio is \
-         that of the medians or the median of each round's ratio, whichever has the narrower interval.",
+         the median of each round's ratio where the two times rise and fall together from round to round (rank \
+         correlation above 0.5), else the ratio of the medians.",
         report.rounds.min,
         report.rounds.max,
         report.seed,

@@ -1,6 +1,6 @@
 //! The plots of the page. Every axis has a unit, and every mark tells its numbers when pointed at.
 
-use super::svg::{Anchor, Axis, Spacing, Svg};
+use super::svg::{Anchor, Axis, Spacing, Svg, logarithmic_ticks};
 use crate::export::numbers::{Unit, count, grouped, ratio, seconds};
 use crate::stats::Estimate;
 use crate::studies::{CombinationReport, CrossingDirection, Crossover, Measurement, Ratio, SceneReport};
@@ -149,7 +149,7 @@ pub fn kernel_times(combinations: &[&CombinationReport], colours: &KernelColours
         }
         let outside = (measurement.wall_seconds - kernels_of(measurement)).max(0.0);
         segment("outside", "outside kernels", outside, "");
-        svg.text("value", (from + 8.0, top + ROW / 2.0 + 4.0), Anchor::Start, &seconds(measurement.wall_seconds));
+        svg.text("value", (from + 8.0, top + ROW / 2.0 + 4.0), Anchor::Start, &unit.number(measurement.wall_seconds));
     }
     svg.finish("Time of each kernel for each combination")
 }
@@ -236,12 +236,17 @@ pub fn crossover(crossover: &Crossover) -> String {
     let mut svg = Svg::new(WIDTH, bottom + FOOT);
     let costs: Vec<f64> = crossover.points.iter().map(|point| point.cost).collect();
     let (Some(&low), Some(&high)) = (costs.first(), costs.last()) else { return String::new() };
-    let x = Axis { low, high, start: left, end: right, spacing: Spacing::LogarithmicFromZero };
+    // The lowest cost above 0 sets how much of the axis goes to what is below it.
+    let unit = costs.iter().copied().find(|cost| *cost > 0.0).unwrap_or(1.0);
+    let x = Axis { low, high, start: left, end: right, spacing: Spacing::LogarithmicAbove(unit) };
     let longest = crossover.points.iter().flat_map(|p| [p.a_seconds.high, p.b_seconds.high]).fold(0.0, f64::max);
     let unit = Unit::of_time(longest);
-    let y = Axis::from_zero(unit.scale(longest), bottom, top);
-    svg.text("panel", (left, 10.0), Anchor::Start, &format!("Time, {}", unit.symbol));
-    for tick in y.ticks(5) {
+    let shortest =
+        crossover.points.iter().flat_map(|p| [p.a_seconds.low, p.b_seconds.low]).fold(f64::INFINITY, f64::min);
+    let (lowest, highest) = (0.9 * unit.scale(shortest), 1.1 * unit.scale(longest));
+    let y = Axis { low: lowest, high: highest, start: bottom, end: top, spacing: Spacing::Logarithmic };
+    svg.text("panel", (left, 10.0), Anchor::Start, &format!("Time, {} (logarithmic)", unit.symbol));
+    for tick in logarithmic_ticks(lowest, highest) {
         svg.line("grid", (left, y.at(tick)), (right, y.at(tick)));
         svg.text("tick", (left - 8.0, y.at(tick) + 4.0), Anchor::End, &trimmed(tick));
     }
@@ -250,7 +255,7 @@ pub fn crossover(crossover: &Crossover) -> String {
         svg.text("tick", (x.at(cost), bottom + 18.0), Anchor::Middle, &grouped(cost as u64));
     }
     svg.line("base", (left, bottom), (right, bottom));
-    let name = format!("{}, logarithmic", crossover.factor);
+    let name = format!("{} (logarithmic)", crossover.factor);
     svg.text("axis", ((left + right) / 2.0, bottom + 38.0), Anchor::Middle, &name);
 
     for crossing in &crossover.crossings {

@@ -101,8 +101,8 @@ fn coordinates(points: &[(f64, f64)]) -> String {
 pub enum Spacing {
     Linear,
     Logarithmic,
-    /// The logarithm of 1 + value: near-logarithmic, and 0 has a place.
-    LogarithmicFromZero,
+    /// The logarithm of 1 + value / unit: logarithmic well above the unit, and 0 has a place.
+    LogarithmicAbove(f64),
 }
 
 /// Values along a line of pixels.
@@ -116,7 +116,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// An axis from 0 to a round number not below `highest`.
+    /// An axis from 0 to a little over `highest`.
     pub fn from_zero(highest: f64, start: f64, end: f64) -> Self {
         let high = if highest > 0.0 { highest } else { 1.0 };
         Self { low: 0.0, high: high * 1.02, start, end, spacing: Spacing::Linear }
@@ -127,19 +127,30 @@ impl Axis {
         let warp = |value: f64| match self.spacing {
             Spacing::Linear => value,
             Spacing::Logarithmic => value.ln(),
-            Spacing::LogarithmicFromZero => value.ln_1p(),
+            Spacing::LogarithmicAbove(unit) => (value / unit).ln_1p(),
         };
         let share = (warp(value) - warp(self.low)) / (warp(self.high) - warp(self.low));
         self.start + share * (self.end - self.start)
     }
 
-    /// About `wanted` round values of a linear axis, and how many decimals they need.
+    /// About `wanted` round values of a linear axis.
     pub fn ticks(&self, wanted: usize) -> Vec<f64> {
         let step = round_step((self.high - self.low) / wanted as f64);
         let first = (self.low / step).ceil() as i64;
         let last = (self.high / step).floor() as i64;
         (first..=last).map(|i| i as f64 * step).collect()
     }
+}
+
+/// Round values of a logarithmic axis: 1, 2 and 5 times powers of ten, or more where those are few.
+pub fn logarithmic_ticks(low: f64, high: f64) -> Vec<f64> {
+    let powers = low.log10().floor() as i32..=high.log10().ceil() as i32;
+    let of = |mantissas: &[f64]| -> Vec<f64> {
+        let all = powers.clone().flat_map(|power| mantissas.iter().map(move |m| m * 10_f64.powi(power)));
+        all.filter(|tick| (low..=high).contains(tick)).collect()
+    };
+    let few = of(&[1.0, 2.0, 5.0]);
+    if few.len() > 3 { few } else { of(&[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0]) }
 }
 
 /// The number among 1, 2 and 5 times a power of ten that is next above.

@@ -28,10 +28,20 @@ impl Cell {
         Self { html, key: escape(key), class: "" }
     }
 
-    /// The interval of the number, beside it and smaller.
+    /// The interval of the number, beside it and smaller. Without one its place stays empty, so that
+    /// the numbers of a column stand below each other.
     pub fn with_interval(mut self, interval: Option<String>) -> Self {
-        if let Some(interval) = interval {
-            self.html += &format!(" <small>{}</small>", escape(&interval));
+        self.html += &match interval {
+            Some(interval) => format!(" <small>{}</small>", escape(&interval)),
+            None => " <small class=\"unseen\">0.000–0.000</small>".to_owned(),
+        };
+        self
+    }
+
+    /// A link to a place of the page, if there is a value.
+    pub fn linked(mut self, place: &str) -> Self {
+        if !self.key.is_empty() {
+            self.html = format!("<a href=\"{place}\">{}</a>", self.html);
         }
         self
     }
@@ -40,7 +50,7 @@ impl Cell {
 /// A table. Columns have a heading and perhaps a unit.
 pub fn table(caption: &str, columns: &[(String, &str)], rows: &[(String, Vec<Cell>)]) -> String {
     let heading = |(i, (name, unit)): (usize, &(String, &str))| {
-        let unit = if unit.is_empty() { String::new() } else { format!(" <small>{}</small>", escape(unit)) };
+        let unit = format!("<small>{}</small>", escape(unit));
         let class = if rows.first().is_some_and(|(_, cells)| cells[i].class == "n") { " class=\"n\"" } else { "" };
         format!("<th scope=\"col\"{class}><button type=\"button\">{}{unit}</button></th>", escape(name))
     };

@@ -1,0 +1,176 @@
+//! A renderer without a GPU: its times are drawn from distributions that a test knows.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use std::error::Error;
+
+use glam::Vec3;
+use raywave::film::Image;
+use raywave::stats::{Bootstrap, SplitMix64, normal_quantile};
+use raywave::studies::{
+    BounceRow, Clock, Configuration, Design, Factor, KernelRow, Measurement, PipelineBuild, Purpose, Rays, Renderer,
+    Rounds, SceneFacts, Study, WorkCounters,
+};
+
+/// What a render is asked for: scene, configuration, purpose, and how many timed ones of this
+/// configuration and scene there were before.
+pub struct Call<'a> {
+    pub scene: &'a str,
+    pub configuration: &'a Configuration,
+    pub purpose: Purpose,
+    pub before: usize,
+}
+
+type Model<T> = Box<dyn FnMut(&Call<'_>, &mut SplitMix64) -> T>;
+
+pub struct FakeRenderer {
+    pub scene: String,
+    /// Wall seconds.
+    pub seconds: Model<f64>,
+    pub image: Model<Option<Image>>,
+    /// A message where it fails.
+    pub failure: Model<Option<String>>,
+    pub random: SplitMix64,
+    /// Every call so far.
+    pub log: Vec<(String, Configuration, Purpose)>,
+}
+
+impl FakeRenderer {
+    /// A renderer with these times, whose images are all alike.
+    pub fn new(seconds: impl FnMut(&Call<'_>, &mut SplitMix64) -> f64 + 'static) -> Self {
+        Self {
+            scene: String::new(),
+            seconds: Box::new(seconds),
+            image: Box::new(|_, _| Some(gradient(8, 8))),
+            failure: Box::new(|_, _| None),
+            random: SplitMix64::new(1),
+            log: Vec::new(),
+        }
+    }
+}
+
+impl Renderer for FakeRenderer {
+    fn open(&mut self, scene: &str) -> Result<SceneFacts, Box<dyn Error + Send + Sync>> {
+        if scene == "missing" {
+            return Err("no such file".into());
+        }
+        self.scene = scene.to_owned();
+        Ok(SceneFacts {
+            scene: scene.to_owned(),
+            scene_hash: "a0".repeat(32),
+            width_pixels: 8,
+            height_pixels: 8,
+            samples_per_pixel: 64,
+            triangles: 12_345,
+            bvh_nodes: 6_789,
+        })
+    }
+
+    fn run(
+        &mut self,
+        configuration: &Configuration,
+        purpose: Purpose,
+    ) -> Result<Measurement, Box<dyn Error + Send + Sync>> {
+        let same = |entry: &&(String, Configuration, Purpose)| {
+            entry.0 == self.scene && entry.1 == *configuration && entry.2 == purpose
+        };
+        let before = self.log.iter().filter(same).count();
+        self.log.push((self.scene.clone(), configuration.clone(), purpose));
+        let call = Call { scene: &self.scene, configuration, purpose, before };
+        if let Some(message) = (self.failure)(&call, &mut self.random) {
+            return Err(message.into());
+        }
+        let wall_seconds = (self.seconds)(&call, &mut self.random);
+        Ok(Measurement {
+            image: (self.image)(&call, &mut self.random),
+            counters: (purpose == Purpose::Counting).then_some(WorkCounters {
+                rays: 1_000_000,
+                nodes_visited: 23_400_000,
+                triangles_tested: 4_560_000,
+                active_lane_share: Some(0.71),
+            }),
+            ..cost(configuration, purpose, wall_seconds)
+        })
+    }
+}
+
+/// What a render of that time might have cost.
+fn cost(configuration: &Configuration, purpose: Purpose, wall_seconds: f64) -> Measurement {
+    let gpu_seconds = 0.96 * wall_seconds;
+    let rays = Rays { camera: 1_048_576, bounce: 2_700_000, shadow: 2_100_000 };
+    let mut measurement = Measurement {
+        wall_seconds,
+        gpu_seconds,
+        samples: 1_048_576,
+        rays,
+        memory_bytes: 190 << 20,
+        start_up_seconds: 0.31,
+        ..Measurement::default()
+    };
+    let kernel = |kernel: &str, share: f64, launches| KernelRow {
+        kernel: kernel.to_owned(),
+        gpu_seconds: share * gpu_seconds,
+        launches,
+    };
+    if configuration.level("scheduler") == Some("megakernel") {
+        measurement.kernels = vec![kernel("megakernel", 0.985, 64), kernel("resolve", 0.015, 64)];
+    } else {
+        measurement.path_state_bytes = 2_400_000_000;
+        measurement.kernels = vec![
+            kernel("generate", 0.03, 64),
+            kernel("extend", 0.46, 576),
+            kernel("shade", 0.24, 576),
+            kernel("connect", 0.22, 576),
+            kernel("prepare_dispatch", 0.02, 576),
+            kernel("resolve", 0.03, 64),
+        ];
+        for bounce in 0..9 {
+            let alive = 0.72_f64.powi(bounce as i32);
+            for (kernel, share, items) in
+                [("extend", 0.46, alive), ("shade", 0.24, 0.94 * alive), ("connect", 0.22, 0.63 * alive)]
+            {
+                measurement.bounces.push(BounceRow {
+                    bounce,
+                    kernel: kernel.to_owned(),
+                    gpu_seconds: share * gpu_seconds * alive * 0.29,
+                    items: (1_048_576.0 * items) as u64,
+                    active_lane_share: Some(0.5 + 0.4 * alive),
+                });
+            }
+        }
+    }
+    if purpose == Purpose::First {
+        let build = |row: &KernelRow| PipelineBuild {
+            kernel: row.kernel.clone(),
+            cold_seconds: Some(0.04),
+            cached_seconds: Some(0.002),
+        };
+        measurement.pipelines = measurement.kernels.iter().map(build).collect();
+    }
+    measurement
+}
+
+/// A small image without two equal pixels.
+pub fn gradient(width: u32, height: u32) -> Image {
+    let pixel = |i: u32| Vec3::new((i % width) as f32 / width as f32, (i / width) as f32 / height as f32, 0.25);
+    Image::new(width, height, (0..width * height).map(pixel).collect())
+}
+
+/// A normal number.
+pub fn normal(random: &mut SplitMix64) -> f64 {
+    // The quantile is infinite at 0.
+    normal_quantile(random.next_f64().max(1e-12))
+}
+
+/// A study of one scene, `--vary` as on the command line.
+pub fn study(vary: &[&str], rounds: usize) -> Study {
+    let factors = vary.iter().flat_map(|text| Factor::parse_list(text).expect("the test's factors parse")).collect();
+    Study {
+        design: Design::new(factors, None).expect("the test's design makes sense"),
+        scenes: vec!["box".to_owned()],
+        rounds: Rounds { min: rounds, max: rounds, until: None },
+        clock: Clock::Wall,
+        bootstrap: Bootstrap { resamples: 500, ..Bootstrap::default() },
+        seed: 7,
+        counting: true,
+    }
+}

@@ -1,0 +1,401 @@
+//! Reports as files: they parse back, and the page works in a browser.
+//!
+//! The page is opened in headless Chromium (Debian's package `chromium`). Where there is none the
+//! test fails, unless `RAYWAVE_NO_CHROMIUM` is set. `RAYWAVE_REPORT_PAGE` names a file to which the
+//! example page is written, to be looked at.
+
+mod fake_renderer;
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use glam::Vec3;
+use raywave::export::{Document, Exports, Format, Page};
+use raywave::film::read_image;
+use raywave::stats::Bootstrap;
+use raywave::studies::{Provenance, Report};
+
+use fake_renderer::{FakeRenderer, normal, study};
+
+/// A report with all that can be in one: two scenes, combinations that are faster, slower, within
+/// noise, of another estimator, wrong and failed, warnings, texts that need escapes.
+fn example() -> Report {
+    let mut study = study(&["scheduler,in-flight=16k,64k,1M,integrator"], 15);
+    study.bootstrap = Bootstrap { resamples: 1000, ..Bootstrap::default() };
+    study.scenes = vec!["caustic".to_owned(), "glass".to_owned()];
+    let mut renderer = FakeRenderer::new(|call, random| {
+        let level = |factor| call.configuration.level(factor).unwrap_or_default();
+        let seconds = match (level("scheduler"), level("in-flight")) {
+            ("wavefront", "16k") => 0.40,
+            ("wavefront", "64k") => 0.31,
+            ("wavefront", _) => 0.27,
+            (_, in_flight) => match (call.scene, in_flight) {
+                ("glass", _) => 0.36,
+                (_, "16k") => 0.402,
+                _ => 0.43,
+            },
+        };
+        let integrator = if level("integrator") == "implicit" { 0.62 } else { 1.0 };
+        let slow = if call.before == 6 && level("in-flight") == "64k" && call.scene == "glass" { 1.3 } else { 1.0 };
+        seconds * integrator * slow * (0.012 * normal(random)).exp()
+    });
+    renderer.image = Box::new(|call, random| {
+        let file = format!("tests/references/{}-n4.exr", if call.scene == "glass" { "box" } else { "caustic" });
+        let mut image = read_image(&Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).expect("a reference image");
+        if call.configuration.level("integrator") == Some("implicit") && call.before == 0 {
+            // The same noise in every run: seeded anew.
+            let mut seeded = raywave::stats::SplitMix64::new(4);
+            image.pixels.iter_mut().for_each(|pixel| *pixel *= 1.0 + 0.2 * normal(&mut seeded) as f32);
+        } else if call.configuration.level("integrator") == Some("implicit") {
+            return None;
+        }
+        let wrong = [("scheduler", "megakernel"), ("in-flight", "1M"), ("integrator", "explicit")];
+        if call.scene == "caustic" && wrong.iter().all(|(f, l)| call.configuration.level(f) == Some(l)) {
+            let width = image.width;
+            for (i, pixel) in image.pixels.iter_mut().enumerate() {
+                if (i as u32 / width / 8 + i as u32 % width / 8).is_multiple_of(5) {
+                    *pixel += Vec3::splat(1e-3 * random.next_f64() as f32);
+                }
+            }
+        }
+        Some(image)
+    });
+    renderer.failure = Box::new(|call, _| {
+        let fails = call.scene == "glass" && call.configuration.level("in-flight") == Some("1M");
+        (fails && call.configuration.level("scheduler") == Some("megakernel"))
+            .then(|| "the device is out of memory, \"heap\" <0> | 2 GiB".to_owned())
+    });
+    study.run(&mut renderer, &mut |_| ControlFlow::Continue(())).expect("the fake renderer renders")
+}
+
+/// A crossover that noise blurs.
+fn example_of_a_crossover() -> Report {
+    let mut study = study(&["scheduler,shading-cost"], 12);
+    study.bootstrap = Bootstrap { resamples: 1000, ..Bootstrap::default() };
+    let mut renderer = FakeRenderer::new(|call, random| {
+        let cost = call.configuration.count("shading-cost").unwrap_or(0) as f64;
+        let mega = call.configuration.level("scheduler") == Some("megakernel");
+        let seconds = if mega { 0.22 + 2.1e-4 * cost } else { 0.30 + 0.9e-4 * cost };
+        seconds * (0.03 * normal(random)).exp()
+    });
+    renderer.image = Box::new(|_, _| Some(fake_renderer::gradient(16, 16)));
+    study.run(&mut renderer, &mut |_| ControlFlow::Continue(())).expect("the fake renderer renders")
+}
+
+fn provenance() -> Provenance {
+    Provenance {
+        raywave_version: "0.1.0".to_owned(),
+        command_line: "raywave compare caustic.toml glass.toml --vary scheduler,in-flight=16k,64k,1M,integrator"
+            .to_owned(),
+        date: "2026-01-02T03:04:05Z".to_owned(),
+        device: "Example <GPU> & \"Co\"".to_owned(),
+        device_kind: "discrete".to_owned(),
+        driver: "example 1.2.3".to_owned(),
+        vulkan_version: "1.3.290".to_owned(),
+        subgroup_size_lanes: 32,
+        clocks: None,
+        settings: serde_json::from_str(r#"{"max_bounces": 8, "roulette": 0.0, "note": "</script><b>"}"#).expect("JSON"),
+    }
+}
+
+#[test]
+fn json_holds_everything() {
+    let (report, provenance) = (example(), provenance());
+    let json: serde_json::Value =
+        serde_json::from_str(&Document { provenance: &provenance, report: &report }.json()).expect("it is JSON");
+    assert_eq!(json["provenance"]["device"], "Example <GPU> & \"Co\"");
+    assert_eq!(json["complete"], true);
+    assert_eq!(json["factors"]["in-flight"], serde_json::json!(["16k", "64k", "1M"]));
+    assert_eq!(json["baseline"]["scheduler"], "wavefront");
+    let scenes = json["scenes"].as_array().expect("scenes");
+    assert_eq!((scenes.len(), scenes[0]["scene"].as_str()), (2, Some("caustic")));
+    assert_eq!(scenes[0]["triangles"], 12_345);
+    let combinations = scenes[0]["combinations"].as_array().expect("combinations");
+    assert_eq!(combinations.len(), 12);
+    let count = |scene: &serde_json::Value, word: &str| {
+        scene["combinations"].as_array().expect("a list").iter().filter(|c| c["verdict"] == word).count()
+    };
+    assert_eq!((count(&scenes[0], "baseline"), count(&scenes[0], "wrong"), count(&scenes[0], "agrees")), (1, 1, 6));
+    assert_eq!((count(&scenes[1], "failed"), count(&scenes[1], "identical")), (2, 4));
+    for combination in combinations {
+        let timed = combination["verdict"] != "wrong";
+        assert_eq!(combination["seconds"].is_object(), timed);
+        assert_eq!(combination["runs"].as_array().expect("runs").len(), if timed { 15 } else { 0 });
+        assert!(combination["first"]["pipelines"][0]["cold_seconds"].is_number());
+        if timed {
+            assert!(combination["typical"]["kernels"][0]["gpu_seconds"].is_number());
+            let seconds = &combination["seconds"];
+            assert!(seconds["low"].as_f64() <= seconds["value"].as_f64());
+        }
+    }
+}
+
+/// RFC 4180, as a reader would have it.
+fn parse_csv(text: &str) -> Vec<Vec<String>> {
+    let (mut rows, mut row, mut cell, mut quoted) = (Vec::new(), Vec::new(), String::new(), false);
+    let mut characters = text.chars().peekable();
+    while let Some(character) = characters.next() {
+        match character {
+            '"' if quoted && characters.peek() == Some(&'"') => {
+                characters.next();
+                cell.push('"');
+            }
+            '"' => quoted = !quoted,
+            ',' if !quoted => row.push(std::mem::take(&mut cell)),
+            '\r' if !quoted => (),
+            '\n' if !quoted => {
+                row.push(std::mem::take(&mut cell));
+                rows.push(std::mem::take(&mut row));
+            }
+            _ => cell.push(character),
+        }
+    }
+    assert!(!quoted && cell.is_empty() && row.is_empty(), "the last line ends");
+    rows
+}
+
+#[test]
+fn csv_has_a_row_for_each_combination() {
+    let (report, provenance) = (example(), provenance());
+    let rows = parse_csv(&Document { provenance: &provenance, report: &report }.csv());
+    assert_eq!(rows.len(), 1 + 24);
+    let header = &rows[0];
+    let mut seen = std::collections::BTreeSet::new();
+    for name in header {
+        assert!(name.chars().all(|c| c.is_ascii_lowercase() || c == '_') && seen.insert(name), "{name}");
+    }
+    for (row, combination) in rows[1..].iter().zip(report.scenes.iter().flat_map(|scene| &scene.combinations)) {
+        assert_eq!(row.len(), header.len());
+        let cells: BTreeMap<&str, &str> =
+            header.iter().map(String::as_str).zip(row.iter().map(String::as_str)).collect();
+        assert_eq!(cells["device"], "Example <GPU> & \"Co\"");
+        assert_eq!(cells["in_flight"], combination.configuration.level("in-flight").expect("it is varied"));
+        assert_eq!(cells["verdict"], combination.verdict.word());
+        assert_eq!(cells["seconds"].parse().ok(), combination.seconds.map(|seconds| seconds.value));
+        assert_eq!(cells["ratio_low"].parse().ok(), combination.ratio.map(|ratio| ratio.estimate.low));
+    }
+}
+
+#[test]
+fn markdown_has_a_table_for_each_scene() {
+    let (report, provenance) = (example(), provenance());
+    let text = Document { provenance: &provenance, report: &report }.markdown();
+    let tables = text.lines().filter(|line| line.starts_with("| combination")).count();
+    assert_eq!(tables, 2);
+    for line in text.lines().filter(|line| line.starts_with('|')) {
+        let bars = line.replace("\\|", "").matches('|').count();
+        assert_eq!(bars, 7, "six columns: {line}");
+    }
+    assert!(text.contains("**wrong**") && text.contains("**failed**"), "{text}");
+    assert!(text.contains("Example \\<GPU>"), "{text}");
+}
+
+#[test]
+fn files_are_checked_before_the_work_begins() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("a.json");
+    let twice = vec![(Format::Json, file.clone()), (Format::Html, file.clone())];
+    assert!(Exports::open(twice, 0.0).expect_err("one file for two").to_string().contains("a.json"));
+    let nowhere = vec![(Format::Csv, folder.path().join("none/a.csv"))];
+    assert!(Exports::open(nowhere, 0.0).expect_err("no folder").to_string().contains("is missing"));
+    assert!(!file.exists(), "a check leaves no trace");
+
+    let (report, provenance) = (example_of_a_crossover(), provenance());
+    let document = Document { provenance: &provenance, report: &report };
+    let formats =
+        [(Format::Json, "a.json"), (Format::Csv, "a.csv"), (Format::Markdown, "a.md"), (Format::Html, "a.html")];
+    let files = formats.map(|(format, name)| (format, folder.path().join(name)));
+    Exports::open(files.to_vec(), 0.0).expect("they can be written").write(&document).expect("they are");
+    let written = |name: &str| std::fs::read_to_string(folder.path().join(name)).expect("it is there");
+    assert_eq!(written("a.json"), document.json());
+    assert_eq!(written("a.csv"), document.csv());
+    assert_eq!(written("a.md"), document.markdown());
+    assert_eq!(written("a.html"), Page::new(0.0).html(&document));
+}
+
+#[test]
+fn the_page_asks_nothing_of_the_network_and_escapes_what_it_shows() {
+    let (report, provenance) = (example(), provenance());
+    let page = Page::new(0.0).html(&Document { provenance: &provenance, report: &report });
+    for reference in ["http://", "https://", "src=\"/", "@import", "url("] {
+        assert!(!page.contains(reference), "{reference}");
+    }
+    assert!(!page.contains("<GPU>") && !page.contains("</script><b>") && !page.contains("heap\" <0>"));
+    assert!(page.contains("Example &lt;GPU&gt; &amp; &quot;Co&quot;"));
+    // Equal images are in it once: two of each scene's own, the implicit ones, and differences.
+    assert!(page.matches("data:image/png").count() <= 2 * 2 + 1 + 3, "{}", page.matches("data:image/png").count());
+}
+
+#[test]
+fn a_page_of_a_study_that_has_only_begun_is_whole() {
+    let mut pages = Vec::new();
+    let (mut page, provenance) = (Page::new(0.0), provenance());
+    let mut renderer = FakeRenderer::new(|_, _| 1.0);
+    let _ = study(&["scheduler,in-flight"], 2).run(&mut renderer, &mut |event| {
+        if let raywave::studies::Event::Updated { report } = event {
+            pages.push(page.html(&Document { provenance: &provenance, report }));
+        }
+        ControlFlow::Continue(())
+    });
+    assert!(pages.len() > 10);
+    for page in &pages {
+        let before_the_scripts = page.split("<script").next().unwrap_or_default();
+        assert!(page.ends_with("</html>\n") && !before_the_scripts.contains("NaN"));
+    }
+    assert!(pages[0].contains("not finished") && !pages[pages.len() - 1].contains("not finished"));
+}
+
+/// What a reader does to the page, and whether it obeys. It leaves its findings in the document.
+const SELF_TEST: &str = r##"
+const failures = [];
+const check = (what, holds) => { if (!holds) failures.push(what); };
+const all = (selector, root = document) => [...root.querySelectorAll(selector)];
+addEventListener("load", async () => {
+  const images = all("figure.images").map((figure) => figure.querySelector("img.left"));
+  await Promise.all(images.map((image) => image.decode()));
+  try {
+    for (const table of all("table.sortable")) {
+      const headings = [...table.tHead.rows[0].cells];
+      headings.forEach((heading, column) => {
+        const keys = () => [...table.tBodies[0].rows].map((row) => row.cells[column].dataset.key);
+        const count = keys().length;
+        for (const [direction, sign] of [["ascending", 1], ["descending", -1]]) {
+          heading.querySelector("button").click();
+          check("aria-sort says " + direction, heading.getAttribute("aria-sort") === direction);
+          const present = keys().filter((key) => key !== "");
+          const sorted = present.every((key, i) => i === 0 ||
+            sign * (isNaN(key) ? present[i - 1].localeCompare(key) : present[i - 1] - key) <= 0);
+          check(heading.textContent + " is " + direction + ": " + present, sorted);
+          const empty = keys().slice(present.length).every((key) => key === "");
+          check(heading.textContent + " has what is empty last", empty && keys().length === count);
+        }
+      });
+      check("one column is sorted by", all("[aria-sort]", table).length === 1);
+    }
+    for (const figure of all("figure.images")) {
+      const panel = figure.closest("article");
+      if (panel.hidden) document.getElementById(panel.getAttribute("aria-labelledby")).click();
+      check("its tab shows a scene", !panel.hidden);
+      const [stage, split, left] = [".stage", ".split", "img.left"].map((s) => figure.querySelector(s));
+      check("the left image is there", left.naturalWidth > 0);
+      const edge = () => figure.querySelector(".divider").getBoundingClientRect().left - stage.getBoundingClientRect().left;
+      const width = stage.getBoundingClientRect().width;
+      check("the stage has a size", width > 100);
+      for (const value of [0, 25, 80, 100]) {
+        split.value = value;
+        split.dispatchEvent(new Event("input", { bubbles: true }));
+        check("the divider is at " + value, Math.abs(edge() + 1 - width * value / 100) < 2);
+        check("the image is clipped at " + value, getComputedStyle(left).clipPath.includes("calc(" + (100 - value)) ||
+          getComputedStyle(left).clipPath.includes((100 - value) + "%") || value === 100);
+      }
+      split.focus();
+      check("the slider takes the keyboard", document.activeElement === split);
+      const select = figure.querySelector("select");
+      const heat = figure.querySelector("img.heat");
+      const toggle = figure.querySelector(".heat-switch");
+      let maps = 0;
+      [...select.options].forEach((option, i) => {
+        select.selectedIndex = i;
+        select.dispatchEvent(new Event("change", { bubbles: true }));
+        check("the right label follows", figure.querySelector(".tag.right").textContent === option.label);
+        check("a note is there", figure.querySelector(".note").textContent.length > 0);
+        if (toggle.disabled) return;
+        maps += 1;
+        toggle.click();
+        check("the difference shows", !heat.hidden && heat.src.startsWith("data:image/png"));
+        toggle.click();
+        check("the difference goes", heat.hidden);
+      });
+      document.body.dataset.maps = (document.body.dataset.maps || "") + maps + " ";
+    }
+    const tabs = all("[role=tab]");
+    if (tabs.length > 1) {
+      tabs[0].click();
+      tabs[0].dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight" }));
+      check("the arrow goes to the next tab", tabs[1].getAttribute("aria-selected") === "true");
+    }
+    const paper = () => getComputedStyle(document.body).backgroundColor;
+    const before = paper();
+    document.getElementById("theme").click();
+    check("the theme changes", paper() !== before);
+    check("plots have names", all("svg").every((svg) => svg.getAttribute("aria-label")));
+    check("images have texts", all("img").every((img) => img.hasAttribute("alt")));
+    for (const text of all("svg text")) {
+      const [box, frame] = [text, text.ownerSVGElement].map((element) => element.getBoundingClientRect());
+      if (frame.width) check("inside its plot: " + text.textContent, box.left >= frame.left - 1 && box.right <= frame.right + 1);
+    }
+  } catch (error) { failures.push(String(error)); }
+  document.body.dataset.selfTest = failures.length ? failures.join("\n") : "passed";
+});
+"##;
+
+#[test]
+fn the_page_works_in_a_browser() {
+    let Some(chromium) = chromium() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let provenance = provenance();
+    for (name, report, maps) in [("factorial", example(), Some("7 5 ")), ("crossover", example_of_a_crossover(), None)]
+    {
+        let page = Page::new(0.0).html(&Document { provenance: &provenance, report: &report });
+        if let Ok(path) = std::env::var("RAYWAVE_REPORT_PAGE") {
+            std::fs::write(format!("{path}-{name}.html"), &page).expect("the page is written");
+        }
+        let tested = page.replace("</body>", &format!("<script>{SELF_TEST}</script></body>"));
+        let file = folder.path().join(format!("{name}.html"));
+        std::fs::write(&file, tested).expect("the page is written");
+        let output = Command::new(&chromium)
+            .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"])
+            .args(["--disable-background-networking", "--disable-component-update", "--disable-sync"])
+            .args(["--enable-logging=stderr", "--virtual-time-budget=20000", "--window-size=1200,1600"])
+            .arg(format!("--user-data-dir={}", folder.path().join(format!("{name}-profile")).display()))
+            .args(["--dump-dom".as_ref(), file.as_os_str()])
+            .stdin(Stdio::null())
+            .output()
+            .expect("chromium starts");
+        let (dom, log) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        let console: Vec<&str> = log.lines().filter(|line| line.contains("CONSOLE")).collect();
+        assert!(console.is_empty(), "{name}: the console says:\n{}", console.join("\n"));
+        let said = dom.split("data-self-test=\"").nth(1).and_then(|rest| rest.split('"').next());
+        assert_eq!(said, Some("passed"), "{name}: {log}");
+        if let Some(maps) = maps {
+            assert!(dom.contains(&format!("data-maps=\"{maps}\"")), "{name}: difference maps of each scene");
+        }
+    }
+}
+
+/// The browser; `None` only where the environment says that there need not be one.
+fn chromium() -> Option<std::path::PathBuf> {
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    let found = std::env::split_paths(&folders)
+        .flat_map(|folder| ["chromium", "chromium-browser"].map(|name| folder.join(name)))
+        .find(|path| path.is_file());
+    if found.is_none() && std::env::var_os("RAYWAVE_NO_CHROMIUM").is_none() {
+        panic!(
+            "the page is tested in Chromium; install the package chromium, or set RAYWAVE_NO_CHROMIUM=1 to go without"
+        );
+    }
+    if found.is_none() {
+        println!("NOT TESTED: RAYWAVE_NO_CHROMIUM is set, so no browser opened the page");
+    }
+    found
+}
+
+/// The console is heard: a page with an error in it does not pass.
+#[test]
+fn an_error_on_the_console_would_be_seen() {
+    let Some(chromium) = chromium() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("broken.html");
+    std::fs::write(&file, "<!doctype html><script>undefined_function()</script>").expect("the page is written");
+    let output = Command::new(chromium)
+        .args(["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--enable-logging=stderr"])
+        .args(["--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-quic"])
+        .arg(format!("--user-data-dir={}", folder.path().join("profile").display()))
+        .args(["--dump-dom".as_ref(), file.as_os_str()])
+        .stdin(Stdio::null())
+        .output()
+        .expect("chromium starts");
+    assert!(String::from_utf8_lossy(&output.stderr).contains("CONSOLE"));
+}
