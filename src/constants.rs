@@ -89,4 +89,6 @@ shared_constants! {
     SPEC_HAS_LENS = 11;
     /// Whether q > 0.
     SPEC_HAS_ROULETTE = 12;
+    /// Steps of arithmetic added to the shading of each hit.
+    SPEC_SHADING_COST = 13;
 }

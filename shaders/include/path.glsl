@@ -52,6 +52,15 @@ Vertex shade_miss(Path path) {
     return ended(lit ? path.throughput * environment_radiance(path.ray.direction) : vec3(0.0));
 }
 
+// Spends SHADING_COST dependent steps and yields 1: it stands for a costlier material.
+float spend(float x) {
+    for (uint step = 0u; step < SHADING_COST; step++) {
+        x = x * 0.75 + 0.125;
+    }
+    // From [0, 1) the steps lead towards 1/2, which no compiler knows.
+    return x < 2.0 ? 1.0 : 0.0;
+}
+
 // The path met a surface: it finds a lamp, or gathers light and scatters.
 Vertex shade_hit(inout Path path, Hit hit) {
     Surface surface = surface_at(hit);
@@ -97,7 +106,7 @@ Vertex shade_hit(inout Path path, Hit hit) {
     } else {
         scatter = scatter_glossy(material, surface, wo, u.y, u.zw);
     }
-    path.throughput *= scatter.weight;
+    path.throughput *= SHADING_COST > 0u ? scatter.weight * spend(u.y) : scatter.weight;
     path.ray = leave(surface, scatter.direction);
     path.bounce += 1u;
     path.sees_emission = !EXPLICIT || specular;

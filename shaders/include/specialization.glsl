@@ -16,6 +16,7 @@ layout(constant_id = SPEC_HAS_TEXTURES) const bool HAS_TEXTURES = true;
 layout(constant_id = SPEC_HAS_NORMALS) const bool HAS_NORMALS = true;
 layout(constant_id = SPEC_HAS_LENS) const bool HAS_LENS = true;
 layout(constant_id = SPEC_HAS_ROULETTE) const bool HAS_ROULETTE = true;
+layout(constant_id = SPEC_SHADING_COST) const uint SHADING_COST = 0u;
 
 const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
 const bool HAS_SPECULAR = HAS_MIRROR || HAS_GLASS;

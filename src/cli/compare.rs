@@ -12,6 +12,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use anyhow::{Context, bail};
 use indicatif::ProgressBar;
 
+use super::picture::PictureArguments;
 use crate::export::{Document, Exports, Format};
 use crate::stats::Bootstrap;
 use crate::studies::{
@@ -57,6 +58,9 @@ pub struct CompareArguments {
     /// Clocks and power limits of the device, for the record
     #[arg(long, value_name = "TEXT")]
     pub clocks: Option<String>,
+    /// What to render, and on which device.
+    #[command(flatten)]
+    pub picture: PictureArguments,
     /// Exposure of the images in the page, in stops
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub exposure: f32,

@@ -7,6 +7,8 @@ pub mod compare;
 mod devices;
 pub mod diff;
 mod info;
+mod measure;
+mod picture;
 mod render;
 
 use std::io::{ErrorKind, Write};
@@ -35,6 +37,7 @@ enum Command {
     Devices(devices::DevicesArguments),
     Info(info::InfoArguments),
     Diff(diff::DiffArguments),
+    Compare(Box<compare::CompareArguments>),
     Gallery(GalleryArguments),
 }
 
@@ -71,6 +74,11 @@ pub fn main() -> ExitCode {
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments, |arguments| {
+            let renderer = measure::DeviceRenderer::new(arguments.picture.open_device()?, arguments.picture.clone());
+            let provenance = renderer.sign(compare::provenance());
+            Ok((Box::new(renderer), provenance))
+        }),
         Command::Gallery(GalleryArguments { folder, triangles }) => {
             crate::scene::generate_gallery(&folder, triangles as usize).map_err(Into::into)
         }

@@ -6,17 +6,17 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::{Context, bail, ensure};
-use clap::ValueEnum;
+use anyhow::{Context, ensure};
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 
 use crate::film::{WriteOptions, check_output, write_image};
-use crate::gpu::{Device, DeviceDescription, Instance};
-use crate::render::{Outcome, PreparedScene, Progress, Scheduler, Session, Settings, Statistics};
-use crate::scene::{Integrator, Scene};
+use crate::gpu::DeviceDescription;
+use crate::render::{Outcome, PreparedScene, Progress, Session, Settings, Statistics};
+use crate::scene::Scene;
 
 use super::devices::kind_name;
+use super::picture::{PictureArguments, integrator_name, scheduler_name};
 use super::{check_text_output, load_scene, write_text};
 
 /// Render a scene to an image
@@ -27,39 +27,8 @@ pub struct RenderArguments {
     /// Image to write: .png (sRGB), .exr (linear, with metadata) or .hdr (linear)
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Image width in pixels
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    width: Option<u32>,
-    /// Image height in pixels
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    height: Option<u32>,
-    /// Samples per pixel
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
-    samples: Option<u32>,
-    /// Scattering events between camera and light; -1 is unbounded and needs a roulette
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(-1..=1_000_000))]
-    max_bounces: Option<i64>,
-    /// How light is gathered
-    #[arg(long)]
-    integrator: Option<IntegratorName>,
-    /// Probability of stopping at each vertex, in [0, 1)
-    #[arg(long, value_name = "Q", allow_negative_numbers = true)]
-    roulette: Option<f64>,
-    /// Seed of the random numbers
-    #[arg(long, default_value_t = 0)]
-    seed: u32,
-    /// Device, by number or part of its name; see `raywave devices`
-    #[arg(long, env = "RAYWAVE_DEVICE")]
-    device: Option<String>,
-    /// How the work is cut into kernels; the image is the same to the last bit
-    #[arg(long, default_value = "wavefront")]
-    scheduler: SchedulerName,
-    /// Invocations of a workgroup, a power of two
-    #[arg(long, value_name = "SIZE", value_parser = clap::value_parser!(u32).range(1..=1024))]
-    workgroup: Option<u32>,
-    /// Paths in flight
-    #[arg(long, value_name = "PATHS", value_parser = clap::value_parser!(u32).range(1..))]
-    in_flight: Option<u32>,
+    #[command(flatten)]
+    picture: PictureArguments,
     /// Exposure of a PNG in stops: radiance is multiplied by 2^STOPS
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     exposure: f32,
@@ -69,22 +38,6 @@ pub struct RenderArguments {
     /// No progress, warnings or summary
     #[arg(long, short)]
     quiet: bool,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum IntegratorName {
-    /// BRDF importance sampling alone
-    Implicit,
-    /// A light sample at every vertex
-    Explicit,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum SchedulerName {
-    /// A kernel a stage, queues between them
-    Wavefront,
-    /// One kernel that follows a path from the camera to its end
-    Megakernel,
 }
 
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
@@ -97,11 +50,11 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
             stats.display()
         );
     }
+    ensure!(arguments.exposure.is_finite(), "--exposure {} is not a number of stops", arguments.exposure);
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
-    let settings = resolve(arguments, &scene)?;
+    let settings = arguments.picture.settings(&scene)?;
     let prepared = PreparedScene::new(&scene)?;
-    let instance = Arc::new(Instance::new(false)?);
-    let device = Device::open(&instance, instance.choose(arguments.device.as_deref())?)?;
+    let device = arguments.picture.open_device()?;
     let mut session = Session::new(&device, &prepared, &settings)?;
 
     let interrupted = stop_on_interrupt()?;
@@ -124,35 +77,6 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
 fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
     let folder = |path: &Path| std::path::absolute(path)?.parent().unwrap_or(path).canonicalize();
     Ok(a.file_name() == b.file_name() && folder(a)? == folder(b)?)
-}
-
-/// The scene's settings, with what the command line says instead.
-fn resolve(arguments: &RenderArguments, scene: &Scene) -> anyhow::Result<Settings> {
-    let given = Settings::of(scene);
-    let settings = Settings {
-        width: arguments.width.unwrap_or(given.width),
-        height: arguments.height.unwrap_or(given.height),
-        samples: arguments.samples.unwrap_or(given.samples),
-        integrator: match arguments.integrator {
-            Some(IntegratorName::Implicit) => Integrator::Implicit,
-            Some(IntegratorName::Explicit) => Integrator::Explicit,
-            None => given.integrator,
-        },
-        max_bounces: arguments.max_bounces.map_or(given.max_bounces, |bounces| u32::try_from(bounces).ok()),
-        roulette: arguments.roulette.unwrap_or(given.roulette),
-        seed: arguments.seed,
-        scheduler: match arguments.scheduler {
-            SchedulerName::Wavefront => Scheduler::Wavefront,
-            SchedulerName::Megakernel => Scheduler::Megakernel,
-        },
-        in_flight: arguments.in_flight,
-        workgroup_size: arguments.workgroup,
-    };
-    settings.validate()?;
-    if !arguments.exposure.is_finite() {
-        bail!("--exposure {} is not a number of stops", arguments.exposure);
-    }
-    Ok(settings)
 }
 
 /// A flag that the first Ctrl-C raises. The second one ends the program.
@@ -213,17 +137,12 @@ impl Report<'_> {
             "width_pixels": settings.width,
             "height_pixels": settings.height,
             "samples_per_pixel": statistics.samples,
-            "integrator": match settings.integrator {
-                Integrator::Implicit => "implicit",
-                Integrator::Explicit => "explicit",
-            },
+            "integrator": integrator_name(settings.integrator),
             "max_bounces": settings.max_bounces.map_or(-1, i64::from),
             "roulette": settings.roulette,
             "seed": settings.seed,
-            "scheduler": match settings.scheduler {
-                Scheduler::Wavefront => "wavefront",
-                Scheduler::Megakernel => "megakernel",
-            },
+            "scheduler": scheduler_name(settings.scheduler),
+            "shading_cost_steps": settings.shading_cost,
             "paths_in_flight": statistics.paths_in_flight,
             "workgroup_size_invocations": statistics.workgroup_size,
             "bvh": "bvh2",

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
+use std::time::Duration;
 
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -173,6 +174,11 @@ impl Executor {
     /// Time and launches of each kernel at each bounce, of the recordings that have been waited for.
     pub fn kernel_times(&self) -> &BTreeMap<(&'static str, u32), KernelTime> {
         &self.times
+    }
+
+    /// Time that the driver took to build each kernel, by name.
+    pub fn pipeline_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
+        self.pipelines.build_times()
     }
 
     /// Starts the times and launches anew.

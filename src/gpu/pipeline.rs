@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use ash::vk;
 
@@ -18,8 +19,16 @@ pub(super) struct Pipelines {
     /// Union of the kernels' bindings, by set and binding.
     pub bindings: BTreeMap<(u32, u32), Binding>,
     pub push_constant_size: u32,
-    kernels: BTreeMap<&'static str, (vk::Pipeline, &'static Variant)>,
+    kernels: BTreeMap<&'static str, Built>,
     device: Arc<Shared>,
+}
+
+/// A pipeline, what it was built from, and how long that took.
+#[derive(Clone, Copy)]
+struct Built {
+    pipeline: vk::Pipeline,
+    variant: &'static Variant,
+    time: Duration,
 }
 
 impl Pipelines {
@@ -46,15 +55,22 @@ impl Pipelines {
         pipelines.make_layout()?;
         for kernel in sources {
             let variant = &kernel.variants[variant];
+            let start = Instant::now();
             let pipeline = pipelines.build(kernel.name, variant, specialization)?;
-            pipelines.kernels.insert(kernel.name, (pipeline, variant));
+            pipelines.kernels.insert(kernel.name, Built { pipeline, variant, time: start.elapsed() });
         }
         Ok(pipelines)
     }
 
     /// The pipeline of a kernel and what it binds.
     pub fn get(&self, name: &str) -> (vk::Pipeline, &'static Variant) {
-        *self.kernels.get(name).expect("a recording names only kernels that its executor was made with")
+        let built = self.kernels.get(name).expect("a recording names only kernels that its executor was made with");
+        (built.pipeline, built.variant)
+    }
+
+    /// Time that each kernel took to build.
+    pub fn build_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
+        self.kernels.iter().map(|(name, built)| (*name, built.time))
     }
 
     fn make_layout(&mut self) -> Result<(), GpuError> {
@@ -116,8 +132,8 @@ impl Drop for Pipelines {
     fn drop(&mut self) {
         // SAFETY: the executor waits for the device before it drops its pipelines.
         unsafe {
-            for (pipeline, _) in self.kernels.values() {
-                self.device.raw.destroy_pipeline(*pipeline, None);
+            for built in self.kernels.values() {
+                self.device.raw.destroy_pipeline(built.pipeline, None);
             }
             self.device.raw.destroy_pipeline_layout(self.layout, None);
             for layout in &self.set_layouts {

@@ -148,6 +148,7 @@ mod tests {
             scheduler: Scheduler::Wavefront,
             in_flight,
             workgroup_size: None,
+            shading_cost: 0,
         }
     }
 

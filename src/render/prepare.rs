@@ -207,7 +207,7 @@ impl PreparedScene {
     pub fn specialization(&self, settings: &Settings, workgroup_size: u32) -> Vec<u32> {
         let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
             self.features;
-        let mut constants = vec![0; SPEC_HAS_ROULETTE as usize + 1];
+        let mut constants = vec![0; SPEC_SHADING_COST as usize + 1];
         for (id, value) in [
             (SPEC_WORKGROUP_SIZE, workgroup_size),
             (SPEC_STACK_SIZE, self.stack_size()),
@@ -228,6 +228,7 @@ impl PreparedScene {
             (SPEC_HAS_NORMALS, normals.into()),
             (SPEC_HAS_LENS, lens.into()),
             (SPEC_HAS_ROULETTE, (settings.roulette > 0.0).into()),
+            (SPEC_SHADING_COST, settings.shading_cost),
         ] {
             constants[id as usize] = value;
         }

@@ -174,6 +174,11 @@ impl Session {
         Ok(Self { executor, plan, settings: *settings })
     }
 
+    /// Time that the driver took to build each kernel, by name.
+    pub fn pipeline_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
+        self.executor.pipeline_times()
+    }
+
     /// A session for a scene as it is read from its files.
     ///
     /// # Errors

@@ -44,6 +44,9 @@ pub struct Settings {
     pub in_flight: Option<u32>,
     /// Invocations of a workgroup, a power of two; `None` leaves it to the device.
     pub workgroup_size: Option<u32>,
+    /// Dependent steps of arithmetic added to the shading of each hit, to stand for a costlier
+    /// material. They do not change the image.
+    pub shading_cost: u32,
 }
 
 /// How the work is cut into kernels. The image is the same to the last bit.
@@ -69,6 +72,7 @@ impl Settings {
             scheduler: Scheduler::Wavefront,
             in_flight: None,
             workgroup_size: None,
+            shading_cost: 0,
         }
     }
 

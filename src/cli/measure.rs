@@ -1,0 +1,236 @@
+//! The renderer that studies measure: sessions on a device, one for each configuration.
+
+use std::collections::HashMap;
+use std::error::Error;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context, anyhow, bail};
+
+use super::devices::kind_name;
+use super::load_scene;
+use super::picture::PictureArguments;
+use crate::gpu::Device;
+use crate::render::{Outcome, PreparedScene, Scheduler, Session, Settings};
+use crate::scene::{Integrator, Scene};
+use crate::studies::{
+    BounceRow, Configuration, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts,
+};
+
+/// Renders scenes on a device by the configurations of a study.
+pub struct DeviceRenderer {
+    device: Device,
+    picture: PictureArguments,
+    scene: Option<OpenScene>,
+    /// Kept between renders of a configuration, so that timed ones find everything built.
+    sessions: HashMap<String, Session>,
+}
+
+struct OpenScene {
+    prepared: PreparedScene,
+    settings: Settings,
+}
+
+/// The order in which a bounce runs its kernels, for tables.
+const KERNEL_ORDER: [&str; 7] = ["megakernel", "generate", "extend", "shade", "prepare_dispatch", "connect", "resolve"];
+
+impl DeviceRenderer {
+    /// A renderer of pictures like this one.
+    pub fn new(device: Device, picture: PictureArguments) -> Self {
+        Self { device, picture, scene: None, sessions: HashMap::new() }
+    }
+
+    /// Adds what the device is to a record.
+    pub fn sign(&self, provenance: Provenance) -> Provenance {
+        let device = self.device.description();
+        Provenance {
+            device: device.name.clone(),
+            device_kind: kind_name(device.kind).to_owned(),
+            driver: device.driver.clone(),
+            vulkan_version: device.vulkan_version.clone(),
+            subgroup_size_lanes: device.subgroup_size,
+            ..provenance
+        }
+    }
+
+    fn open_scene(&mut self, path: &str) -> anyhow::Result<SceneFacts> {
+        self.sessions.clear();
+        let scene: Scene = load_scene((!path.is_empty()).then_some(Path::new(path)), true)?;
+        let settings = self.picture.settings(&scene)?;
+        let prepared = PreparedScene::new(&scene)?;
+        let facts = SceneFacts {
+            scene: scene.name,
+            scene_hash: scene.hash,
+            width_pixels: settings.width,
+            height_pixels: settings.height,
+            samples_per_pixel: settings.samples,
+            triangles: prepared.triangles.len() as u64,
+            bvh_nodes: prepared.bvh.nodes.len() as u64,
+        };
+        self.scene = Some(OpenScene { prepared, settings });
+        Ok(facts)
+    }
+
+    fn render(&mut self, configuration: &Configuration, purpose: Purpose) -> anyhow::Result<Measurement> {
+        if purpose == Purpose::Counting {
+            // Kernels do not count nodes or triangles.
+            return Ok(Measurement::default());
+        }
+        let OpenScene { prepared, settings } =
+            self.scene.as_ref().context("a scene is opened before it is rendered")?;
+        let settings = configured(*settings, configuration)?;
+        let key = configuration.to_string();
+        if purpose == Purpose::First {
+            return self.render_first(settings, key);
+        }
+        if !self.sessions.contains_key(&key) {
+            self.sessions.insert(key.clone(), Session::new(&self.device, prepared, &settings)?);
+        }
+        let session = self.sessions.get_mut(&key).context("it was just made")?;
+        let outcome = session.render(|_| ControlFlow::Continue(()))?;
+        Ok(measurement(&settings, &outcome))
+    }
+
+    /// The first render of a configuration: from nothing to an image.
+    fn render_first(&mut self, settings: Settings, key: String) -> anyhow::Result<Measurement> {
+        let OpenScene { prepared, .. } = self.scene.as_ref().context("a scene is opened before it is rendered")?;
+        let start = Instant::now();
+        let mut session = Session::new(&self.device, prepared, &settings)?;
+        let mut first_sample = None;
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        let outcome = session.render(|progress| {
+            if progress.samples_done >= pixels {
+                first_sample.get_or_insert(start.elapsed());
+            }
+            ControlFlow::Continue(())
+        })?;
+        let mut measured = measurement(&settings, &outcome);
+        measured.start_up_seconds = first_sample.unwrap_or(start.elapsed()).as_secs_f64();
+        measured.pipelines = session
+            .pipeline_times()
+            .map(|(kernel, time)| PipelineBuild {
+                kernel: kernel.to_owned(),
+                cold_seconds: Some(time.as_secs_f64()),
+                cached_seconds: None,
+            })
+            .collect();
+        measured.image = Some(outcome.film.mean());
+        self.sessions.insert(key, session);
+        Ok(measured)
+    }
+}
+
+impl Renderer for DeviceRenderer {
+    fn open(&mut self, scene: &str) -> Result<SceneFacts, Box<dyn Error + Send + Sync>> {
+        self.open_scene(scene).map_err(|error| format!("{error:#}").into())
+    }
+
+    fn run(
+        &mut self,
+        configuration: &Configuration,
+        purpose: Purpose,
+    ) -> Result<Measurement, Box<dyn Error + Send + Sync>> {
+        self.render(configuration, purpose).map_err(|error| format!("{error:#}").into())
+    }
+}
+
+/// The settings of a configuration.
+fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::Result<Settings> {
+    for (factor, level) in configuration.iter() {
+        let count = || {
+            let count = configuration.count(factor).context("its levels are counts")?;
+            u32::try_from(count).map_err(|_| anyhow!("{factor}={level} is above {}", u32::MAX))
+        };
+        match (factor, level) {
+            ("scheduler", "wavefront") => settings.scheduler = Scheduler::Wavefront,
+            ("scheduler", "megakernel") => settings.scheduler = Scheduler::Megakernel,
+            ("integrator", "implicit") => settings.integrator = Integrator::Implicit,
+            ("integrator", "explicit") => settings.integrator = Integrator::Explicit,
+            ("in-flight", _) => settings.in_flight = Some(count()?),
+            ("workgroup", _) => settings.workgroup_size = Some(count()?),
+            ("shading-cost", _) => settings.shading_cost = count()?,
+            _ => bail!("{factor}={level} is nothing that the renderer can vary"),
+        }
+    }
+    settings.validate()?;
+    Ok(settings)
+}
+
+/// What a render cost, as a study records it.
+fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
+    let statistics = &outcome.statistics;
+    let kernels = statistics.kernels();
+    let rank = |kernel: &str| KERNEL_ORDER.iter().position(|name| *name == kernel);
+    let mut rows: Vec<_> = kernels
+        .iter()
+        .map(|(kernel, time)| KernelRow {
+            kernel: (*kernel).to_owned(),
+            gpu_seconds: time.seconds,
+            launches: time.launches,
+        })
+        .collect();
+    rows.sort_by_key(|row| rank(&row.kernel));
+    Measurement {
+        wall_seconds: statistics.wall_time.as_secs_f64(),
+        gpu_seconds: statistics.gpu_seconds(),
+        samples: statistics.sample_count,
+        nonfinite_samples: statistics.nonfinite_samples.into(),
+        rays: Rays { camera: statistics.camera_rays, bounce: statistics.bounce_rays, shadow: statistics.shadow_rays },
+        kernels: rows,
+        bounces: if settings.scheduler == Scheduler::Wavefront { bounce_rows(outcome) } else { Vec::new() },
+        memory_bytes: statistics.memory_bytes,
+        path_state_bytes: path_state_bytes(settings.scheduler, outcome),
+        ..Measurement::default()
+    }
+}
+
+/// Time and items of the wavefront's stages at each bounce.
+fn bounce_rows(outcome: &Outcome) -> Vec<BounceRow> {
+    let statistics = &outcome.statistics;
+    let staged = |kernel: &str| matches!(kernel, "extend" | "shade" | "connect");
+    let mut rows: Vec<_> = statistics
+        .passes
+        .iter()
+        .filter(|((kernel, _), _)| staged(kernel))
+        .map(|((kernel, bounce), time)| BounceRow {
+            bounce: *bounce,
+            kernel: (*kernel).to_owned(),
+            gpu_seconds: time.seconds,
+            items: statistics.ray_counts.get(*bounce as usize).map_or(0, |count| match (*kernel, *bounce) {
+                ("connect", _) => count.shadow_rays(),
+                (_, 0) => statistics.camera_rays,
+                _ => count.rays(),
+            }),
+            active_lane_share: None,
+        })
+        .collect();
+    rows.sort_by_key(|row| row.bounce);
+    rows
+}
+
+/// Bytes of path state that the kernels read and write, from the records of `bindings_path.glsl`
+/// and the items of the queues.
+fn path_state_bytes(scheduler: Scheduler, outcome: &Outcome) -> u64 {
+    let statistics = &outcome.statistics;
+    let samples = statistics.sample_count;
+    // The radiance that resolve reads.
+    let resolved = 16 * samples;
+    match scheduler {
+        Scheduler::Megakernel => 16 * samples + resolved,
+        Scheduler::Wavefront => {
+            // Generate writes origin, direction, throughput, radiance and a queue entry.
+            let generated = (4 * 16 + 4) * samples;
+            let rays = samples + statistics.bounce_rays;
+            // Extend reads a queue entry, origin and direction and writes a hit; shade reads a
+            // queue entry, direction, throughput and hit.
+            let traced = (4 + 3 * 16 + 4 + 3 * 16) * rays;
+            // Shade writes origin, direction, throughput and a queue entry of what goes on.
+            let continued = (3 * 16 + 4) * statistics.bounce_rays;
+            // Shade writes and connect reads a shadow ray of three records; at most all of them
+            // reach the light, and then read and write a radiance.
+            let shadows = (2 * 3 * 16 + 2 * 16) * statistics.shadow_rays;
+            generated + traced + continued + shadows + resolved
+        }
+    }
+}
