@@ -533,7 +533,7 @@ fn arguments_become_a_study() {
     assert_eq!(combinations(""), 2, "schedulers, where nothing is said");
     assert_eq!(combinations("--vary scheduler,workgroup=64,256 --vary in-flight=16k,64k,1M"), 12);
     assert_eq!(combinations("--crossover"), 2 * 5);
-    assert_eq!(combinations("--crossover materials"), 2 * 6);
+    assert_eq!(combinations("--crossover shading-cost"), 2 * 5);
     assert_eq!(combinations("--crossover --vary shading-cost=0,64"), 2 * 2);
     let study = compare::study(&command_line("a.toml b.toml --rounds 8 --until 3% --max-rounds 50")).expect("fits");
     assert_eq!(study.rounds, Rounds { min: 8, max: 50, until: Some(0.03) });

@@ -3,11 +3,13 @@
 
 mod common;
 
+use std::ops::ControlFlow;
+
 use common::{device, own_scene, render_on};
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{Scheduler, Settings};
+use raywave::render::{PreparedScene, RenderError, Scheduler, Session, Settings};
 use raywave::scene::{Integrator, Scene};
 
 const SCENES: [&str; 7] =
@@ -55,6 +57,40 @@ fn batches_and_workgroups_leave_no_trace() {
             assert!(reference == render(None, Some(workgroup)), "{scheduler:?} depends on workgroups of {workgroup}");
         }
     }
+}
+
+#[test]
+fn a_shading_cost_is_paid_in_time_alone() {
+    let device = device();
+    let scene = own_scene("cornell-phong");
+    let render =
+        |scheduler, shading_cost| sums(&device, &scene, Settings { scheduler, shading_cost, ..Settings::of(&scene) });
+    let reference = render(Scheduler::Wavefront, 0);
+    assert!(reference == render(Scheduler::Wavefront, 100));
+    assert!(reference == render(Scheduler::Megakernel, 100));
+}
+
+#[test]
+fn loops_that_the_driver_cuts_are_told() {
+    let device = device();
+    if !device.description().driver.contains("Mesa") {
+        // A driver without the limit has nothing to tell.
+        return;
+    }
+    let scene = own_scene("cornell-box");
+    // Eight bounces of 32,768 steps are four times what lavapipe runs.
+    let settings = Settings {
+        width: 16,
+        height: 16,
+        samples: 1,
+        scheduler: Scheduler::Megakernel,
+        shading_cost: 32_768,
+        ..Settings::of(&scene)
+    };
+    let prepared = PreparedScene::new(&scene).expect("the scene fits");
+    let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
+    let result = session.render(|_| ControlFlow::Continue(()));
+    assert!(matches!(result, Err(RenderError::CutLoops)));
 }
 
 #[test]

@@ -45,7 +45,7 @@ struct FilmPixel {
     vec4 squares_compensation;
 };
 layout(set = 1, binding = 10, std430) buffer Film { FilmPixel pixels[]; } film;
-layout(set = 1, binding = 12, std430) buffer RayCounts { RayCount bounces[COUNTED_BOUNCES]; } ray_counts;
+layout(set = 1, binding = 12, std430) buffer RayCounts { RayCount bounces[]; } ray_counts;  // COUNTED_BOUNCES
 
 // The batch of samples in flight: slots run over pixels first, then over samples.
 layout(push_constant) uniform Batch {

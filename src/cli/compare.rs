@@ -35,7 +35,7 @@ pub struct CompareArguments {
     #[arg(long, value_name = "FACTOR=LEVEL,...")]
     pub baseline: Option<String>,
     /// Sweep the cost of shading and find where the faster scheduler changes
-    #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = "shading-cost", value_parser = ["shading-cost", "materials"])]
+    #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = "shading-cost", value_parser = ["shading-cost"])]
     pub crossover: Option<String>,
     /// Timed renders of each combination, at least
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = at_least_one)]

@@ -69,34 +69,16 @@ pub const FACTORS: &[FactorKind] = &[
         meaning: "invocations of a workgroup",
     },
     FactorKind {
-        name: "sort",
-        role: Role::Schedule,
-        levels: Levels::Named(&["off", "on"]),
-        meaning: "queue sorted by material",
-    },
-    FactorKind {
         name: "integrator",
         role: Role::Estimator,
         levels: Levels::Named(&["explicit", "implicit"]),
         meaning: "integrator",
     },
     FactorKind {
-        name: "fast-math",
-        role: Role::Estimator,
-        levels: Levels::Named(&["off", "on"]),
-        meaning: "arithmetic that may be contracted and reassociated",
-    },
-    FactorKind {
         name: "shading-cost",
         role: Role::Workload,
         levels: Levels::Counts { min: 0, default: &["0", "64", "256", "1k", "4k"] },
         meaning: "added shading steps per hit",
-    },
-    FactorKind {
-        name: "materials",
-        role: Role::Workload,
-        levels: Levels::Counts { min: 1, default: &["1", "2", "4", "8", "16", "32"] },
-        meaning: "BSDF branches",
     },
 ];
 

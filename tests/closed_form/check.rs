@@ -3,7 +3,7 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::Settings;
+use raywave::render::{Scheduler, Settings};
 use raywave::scene::Integrator::{self, Explicit, Implicit};
 use raywave::stats::{sidak_level, z_test};
 
@@ -35,7 +35,10 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         max_bounces: Some(bounces),
         roulette: 0.0,
         seed: 1,
+        scheduler: Scheduler::Wavefront,
         in_flight: None,
+        workgroup_size: None,
+        shading_cost: 0,
     }
 }
 
