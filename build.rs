@@ -12,7 +12,7 @@ use std::{env, fs, process};
 
 use rspirv::binary::Assemble;
 use rspirv::dr::{Instruction, Module, Operand};
-use rspirv::spirv::{Decoration, ExecutionMode, Op, StorageClass};
+use rspirv::spirv::{Decoration, Op, StorageClass};
 
 #[allow(dead_code, reason = "the build needs the list alone")]
 #[path = "src/constants.rs"]
@@ -174,7 +174,6 @@ fn forbid_contraction(module: &mut Module) {
 struct Reflection {
     bindings: Vec<String>,
     push_constant_size: u32,
-    one_thread: bool,
     structs: Vec<String>,
 }
 
@@ -209,29 +208,19 @@ impl Reflection {
             ));
         }
         bindings.sort();
-        let one_thread = !module
-            .execution_modes
-            .iter()
-            .any(|mode| matches!(mode.operands[1], Operand::ExecutionMode(ExecutionMode::LocalSizeId)))
-            && !module
-                .annotations
-                .iter()
-                .any(|i| i.operands.contains(&Operand::BuiltIn(rspirv::spirv::BuiltIn::WorkgroupSize)));
         Self {
             bindings: bindings.into_iter().map(|(_, entry)| entry).collect(),
             push_constant_size,
-            one_thread,
             structs: struct_layouts(module),
         }
     }
 
     fn entry(&self, file: &Path) -> String {
         format!(
-            "        Variant {{ spirv: include_bytes!({:?}), bindings: &[{}], push_constant_size: {}, one_thread: {} }},",
+            "        Variant {{ spirv: include_bytes!({:?}), bindings: &[{}], push_constant_size: {} }},",
             file,
             self.bindings.join(", "),
-            self.push_constant_size,
-            self.one_thread
+            self.push_constant_size
         )
     }
 }

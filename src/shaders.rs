@@ -43,8 +43,6 @@ pub struct Variant {
     pub bindings: &'static [Binding],
     /// Bytes of push constants that the kernel declares; 0 for none.
     pub push_constant_size: u32,
-    /// Whether the workgroup is a single thread rather than `SPEC_WORKGROUP_SIZE`.
-    pub one_thread: bool,
 }
 
 /// A descriptor that a kernel uses.

@@ -2,17 +2,17 @@
 //!
 //! From arguments to a [`Study`], its progress and its files. What renders is handed in.
 
-use std::io::{ErrorKind, IsTerminal, Write};
+use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use indicatif::ProgressBar;
 
 use super::picture::PictureArguments;
+use super::{print, stop_on_interrupt};
 use crate::export::{Document, Exports, Format};
 use crate::stats::Bootstrap;
 use crate::studies::{
@@ -129,7 +129,8 @@ pub fn run(
     let study = study(arguments)?;
     let mut exports = Exports::open(files(arguments), arguments.exposure)?;
     let (mut renderer, provenance) = open(arguments)?;
-    let interrupted = stop_on_interrupt()?;
+    let interrupted =
+        stop_on_interrupt("ending after this render; the files keep what there is; Ctrl-C again gives it up")?;
     let progress = Progress::new(arguments.quiet);
 
     let mut unwritten = None;
@@ -151,10 +152,7 @@ pub fn run(
     let document = Document { provenance: &provenance, report: &report };
     // A study that was broken off has more to say than it last wrote.
     exports.write(&document)?;
-    match std::io::stdout().lock().write_all(document.markdown().as_bytes()) {
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => (),
-        outcome => outcome.context("cannot print the report")?,
-    }
+    print(&document.markdown())?;
     judge(&report)
 }
 
@@ -237,20 +235,6 @@ fn clock(text: &str) -> Result<Clock, String> {
         "gpu" => Ok(Clock::Gpu),
         _ => Err("use wall or gpu".to_owned()),
     }
-}
-
-/// A flag that the first Ctrl-C raises. The second one ends the program.
-fn stop_on_interrupt() -> anyhow::Result<Arc<AtomicBool>> {
-    let flag = Arc::new(AtomicBool::new(false));
-    let raised = Arc::clone(&flag);
-    ctrlc::set_handler(move || {
-        if raised.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-        eprintln!("\nending after this render; the files keep what there is; Ctrl-C again gives it up");
-    })
-    .context("cannot listen for Ctrl-C")?;
-    Ok(flag)
 }
 
 /// What is going on, on stderr.

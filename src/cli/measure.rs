@@ -22,6 +22,8 @@ use crate::studies::{
 pub struct DeviceRenderer {
     device: Device,
     picture: PictureArguments,
+    /// Whether the warnings of scenes are kept back.
+    quiet: bool,
     scene: Option<OpenScene>,
     /// Kept between renders of a configuration, so that timed ones find everything built.
     sessions: HashMap<String, Session>,
@@ -36,9 +38,13 @@ struct OpenScene {
 const KERNEL_ORDER: [&str; 7] = ["megakernel", "generate", "extend", "shade", "prepare_dispatch", "connect", "resolve"];
 
 impl DeviceRenderer {
-    /// A renderer of pictures like this one.
-    pub fn new(device: Device, picture: PictureArguments) -> Self {
-        Self { device, picture, scene: None, sessions: HashMap::new() }
+    /// A renderer of pictures like this one, on the device that they want.
+    ///
+    /// # Errors
+    /// No Vulkan, no such device.
+    pub fn new(picture: &PictureArguments, quiet: bool) -> anyhow::Result<Self> {
+        let device = picture.open_device()?;
+        Ok(Self { device, picture: picture.clone(), quiet, scene: None, sessions: HashMap::new() })
     }
 
     /// Adds what the device is to a record.
@@ -56,7 +62,7 @@ impl DeviceRenderer {
 
     fn open_scene(&mut self, path: &str) -> anyhow::Result<SceneFacts> {
         self.sessions.clear();
-        let scene: Scene = load_scene((!path.is_empty()).then_some(Path::new(path)), true)?;
+        let scene: Scene = load_scene((!path.is_empty()).then_some(Path::new(path)), self.quiet)?;
         let settings = self.picture.settings(&scene)?;
         let prepared = PreparedScene::new(&scene)?;
         let facts = SceneFacts {
@@ -73,23 +79,18 @@ impl DeviceRenderer {
     }
 
     fn render(&mut self, configuration: &Configuration, purpose: Purpose) -> anyhow::Result<Measurement> {
-        if purpose == Purpose::Counting {
-            // Kernels do not count nodes or triangles.
-            return Ok(Measurement::default());
-        }
-        let OpenScene { prepared, settings } =
-            self.scene.as_ref().context("a scene is opened before it is rendered")?;
-        let settings = configured(*settings, configuration)?;
+        let scene = self.scene.as_ref().context("a scene is opened before it is rendered")?;
+        let settings = configured(scene.settings, configuration)?;
         let key = configuration.to_string();
-        if purpose == Purpose::First {
-            return self.render_first(settings, key);
+        match purpose {
+            Purpose::First => self.render_first(settings, key),
+            Purpose::Timed => {
+                let session = self.sessions.get_mut(&key).context("a configuration is timed after its first render")?;
+                Ok(measurement(&settings, &session.render(|_| ControlFlow::Continue(()))?))
+            }
+            // Kernels do not count nodes or triangles.
+            Purpose::Counting => Ok(Measurement::default()),
         }
-        if !self.sessions.contains_key(&key) {
-            self.sessions.insert(key.clone(), Session::new(&self.device, prepared, &settings)?);
-        }
-        let session = self.sessions.get_mut(&key).context("it was just made")?;
-        let outcome = session.render(|_| ControlFlow::Continue(()))?;
-        Ok(measurement(&settings, &outcome))
     }
 
     /// The first render of a configuration: from nothing to an image.

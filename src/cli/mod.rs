@@ -14,6 +14,8 @@ mod render;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
@@ -21,6 +23,7 @@ use clap::{Parser, Subcommand};
 use crate::gpu::GpuError;
 use crate::render::RenderError;
 use crate::scene::Scene;
+use crate::studies::Provenance;
 
 /// A Vulkan compute path tracer that is also a measuring instrument
 #[derive(Debug, Parser)]
@@ -75,8 +78,8 @@ pub fn main() -> ExitCode {
         Command::Info(arguments) => info::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments, |arguments| {
-            let renderer = measure::DeviceRenderer::new(arguments.picture.open_device()?, arguments.picture.clone());
-            let provenance = renderer.sign(compare::provenance());
+            let renderer = measure::DeviceRenderer::new(&arguments.picture, arguments.quiet)?;
+            let provenance = Provenance { clocks: arguments.clocks.clone(), ..renderer.sign(compare::provenance()) };
             Ok((Box::new(renderer), provenance))
         }),
         Command::Gallery(GalleryArguments { folder, triangles }) => {
@@ -143,6 +146,21 @@ fn print(text: &str) -> anyhow::Result<()> {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
         outcome => outcome.context("cannot print"),
     }
+}
+
+/// A flag that the first Ctrl-C raises, with words on what happens now. The second one ends the
+/// program.
+fn stop_on_interrupt(words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let raised = Arc::clone(&flag);
+    ctrlc::set_handler(move || {
+        if raised.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        eprintln!("\n{words}");
+    })
+    .context("cannot listen for Ctrl-C")?;
+    Ok(flag)
 }
 
 /// Says whether a text file can be written there, before the work begins.

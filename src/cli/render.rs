@@ -3,8 +3,7 @@
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use anyhow::{Context, ensure};
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
@@ -17,7 +16,7 @@ use crate::scene::Scene;
 
 use super::devices::kind_name;
 use super::picture::{PictureArguments, integrator_name, scheduler_name};
-use super::{check_text_output, load_scene, write_text};
+use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
 
 /// Render a scene to an image
 #[derive(Debug, clap::Args)]
@@ -57,7 +56,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let device = arguments.picture.open_device()?;
     let mut session = Session::new(&device, &prepared, &settings)?;
 
-    let interrupted = stop_on_interrupt()?;
+    let interrupted = stop_on_interrupt("finishing the samples that are begun; Ctrl-C again gives them up")?;
     let bar = progress_bar(arguments.quiet, settings.samples);
     let outcome = session.render(|progress| {
         show(&bar, progress);
@@ -65,7 +64,13 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     })?;
     bar.finish_and_clear();
 
-    let report = Report { scene: &scene, prepared: &prepared, settings: &settings, device: device.description() };
+    let report = Report {
+        scene: &scene,
+        prepared: &prepared,
+        settings: &settings,
+        device: device.description(),
+        exposure: arguments.exposure,
+    };
     write(arguments, &report, &outcome)?;
     if !arguments.quiet {
         summarise(arguments, &settings, &outcome.statistics);
@@ -77,20 +82,6 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
 fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
     let folder = |path: &Path| std::path::absolute(path)?.parent().unwrap_or(path).canonicalize();
     Ok(a.file_name() == b.file_name() && folder(a)? == folder(b)?)
-}
-
-/// A flag that the first Ctrl-C raises. The second one ends the program.
-fn stop_on_interrupt() -> anyhow::Result<Arc<AtomicBool>> {
-    let flag = Arc::new(AtomicBool::new(false));
-    let raised = Arc::clone(&flag);
-    ctrlc::set_handler(move || {
-        if raised.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-        eprintln!("\nfinishing the samples that are begun; Ctrl-C again gives them up");
-    })
-    .context("cannot listen for Ctrl-C")?;
-    Ok(flag)
 }
 
 fn progress_bar(quiet: bool, samples: u32) -> ProgressBar {
@@ -124,6 +115,8 @@ struct Report<'a> {
     prepared: &'a PreparedScene,
     settings: &'a Settings,
     device: &'a DeviceDescription,
+    /// Of a PNG, in stops.
+    exposure: f32,
 }
 
 impl Report<'_> {
@@ -169,6 +162,7 @@ impl Report<'_> {
             .collect();
         json!({
             "settings": self.settings(statistics),
+            "exposure_stops": self.exposure,
             "samples": statistics.sample_count,
             "samples_per_second": statistics.sample_count as f64 / wall,
             "rays": statistics.rays(),

@@ -31,8 +31,8 @@ pub enum GpuError {
     OutOfMemory { needed: u64, available: u64 },
     #[error("memory for {buffer} ({bytes} bytes) could not be had: {source}")]
     Allocation { buffer: &'static str, bytes: u64, source: gpu_allocator::AllocationError },
-    #[error("kernel {kernel} binds {binding}, which nobody provides")]
-    UnboundBinding { kernel: &'static str, binding: &'static str },
+    #[error("a kernel binds {binding}, which nobody provides")]
+    UnboundBinding { binding: &'static str },
     #[error("kernel {kernel} could not be built: {result}")]
     Pipeline { kernel: &'static str, result: vk::Result },
     #[error("the device was lost while it ran {pass}")]

@@ -258,6 +258,22 @@ impl Executor {
         Ok(())
     }
 
+    /// Fills a buffer with zeros, after everything that was submitted.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    ///
+    /// # Panics
+    /// When no buffer has that name.
+    pub fn clear(&mut self, name: &str) -> Result<(), GpuError> {
+        self.wait()?;
+        let buffer = self.buffers[name].raw;
+        self.run_once(|device, commands| {
+            // SAFETY: the buffer is alive and has transfer usage.
+            unsafe { device.cmd_fill_buffer(commands, buffer, 0, vk::WHOLE_SIZE, 0) }
+        })
+    }
+
     fn make_slots(&mut self) -> Result<(), GpuError> {
         let device = &self.device.raw;
         let info = vk::CommandPoolCreateInfo::default()
@@ -299,15 +315,10 @@ impl Executor {
         if let (BufferUse::Scene { texel_bytes }, true) = (role.usage, self.access.texel_fetch) {
             buffer.view_as(if texel_bytes == 16 { vk::Format::R32G32B32A32_UINT } else { vk::Format::R32G32_UINT })?;
         }
-        let raw = buffer.raw;
         self.buffers.insert(role.name, buffer);
-        if let Some(contents) = role.contents {
-            self.write(role.name, contents)
-        } else {
-            self.run_once(|device, commands| {
-                // SAFETY: the buffer is alive and has transfer usage.
-                unsafe { device.cmd_fill_buffer(commands, raw, 0, vk::WHOLE_SIZE, 0) }
-            })
+        match role.contents {
+            Some(contents) => self.write(role.name, contents),
+            None => self.clear(role.name),
         }
     }
 
@@ -331,10 +342,7 @@ impl Executor {
         // SAFETY: the pool has room for exactly these sets.
         self.sets = unsafe { device.allocate_descriptor_sets(&info) }.during("making descriptor sets")?;
         for binding in self.pipelines.bindings.values() {
-            let buffer = self
-                .buffers
-                .get(binding.name)
-                .ok_or(GpuError::UnboundBinding { kernel: "of the render", binding: binding.name })?;
+            let buffer = self.buffers.get(binding.name).ok_or(GpuError::UnboundBinding { binding: binding.name })?;
             let infos = [vk::DescriptorBufferInfo { buffer: buffer.raw, offset: 0, range: vk::WHOLE_SIZE }];
             let views = [buffer.view];
             let write = vk::WriteDescriptorSet::default()

@@ -16,7 +16,6 @@ use crate::film::FilmMoments;
 use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDescription, GpuError, KernelTime};
 use crate::layout::{Control, FilmPixel, Frame, RayCount};
 use crate::recording::Recording;
-use crate::scene::Scene;
 use crate::shaders::{self, Access};
 
 /// A render that failed.
@@ -179,14 +178,6 @@ impl Session {
         self.executor.pipeline_times()
     }
 
-    /// A session for a scene as it is read from its files.
-    ///
-    /// # Errors
-    /// As [`Session::new`], and when the scene is larger than an index can tell.
-    pub fn for_scene(device: &Device, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
-        Self::new(device, &PreparedScene::new(scene)?, settings)
-    }
-
     /// Renders all samples. `progress` is called after each batch; when it breaks, the samples
     /// that are begun are finished for every pixel and the render ends there.
     ///
@@ -227,10 +218,8 @@ impl Session {
 
     /// Starts the sums and counts anew.
     fn clear(&mut self) -> Result<(), GpuError> {
-        let film = vec![0; self.plan.pixels as usize * size_of::<FilmPixel>()];
-        self.executor.write("film", &film)?;
-        let counts = vec![0; COUNTED_BOUNCES as usize * size_of::<RayCount>()];
-        self.executor.write("ray_counts", &counts)?;
+        self.executor.clear("film")?;
+        self.executor.clear("ray_counts")?;
         self.executor.forget_times();
         let mut control: Control = bytemuck::Zeroable::zeroed();
         (control.ray_groups, control.shadow_groups) = ([0, 1, 1], [0, 1, 1]);
