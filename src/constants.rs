@@ -41,7 +41,14 @@ shared_constants! {
     STACK_REGISTERS = 8;
     /// Entries of the traversal stack that move between registers and memory at a time.
     STACK_BLOCK = 4;
-    /// 16-byte texels of a BVH node.
+    /// Where the children of a wide node stand among what a ray meets in it; its triangles stand in
+    /// the bits under it, three for each of eight children.
+    WIDE_INNER_BIT = 24;
+    /// Most triangles of a wide leaf.
+    WIDE_LEAF_TRIANGLES = 3;
+    /// Most nodes of a wide BVH: a stack entry has 24 bits for one, and 8 for its children.
+    WIDE_MAX_NODES = 1 << 24;
+    /// 16-byte texels of a node of the two-wide BVH.
     NODE_TEXELS = 4;
     /// 16-byte texels of a triangle.
     TRIANGLE_TEXELS = 3;
@@ -108,4 +115,6 @@ shared_constants! {
     SPEC_SORTED = 15;
     /// Whether an invocation of the megakernel goes on with another path when one has ended.
     SPEC_REGENERATES = 16;
+    /// Children of a BVH node: 2, 4 or 8.
+    SPEC_BVH_WIDTH = 17;
 }

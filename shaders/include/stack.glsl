@@ -40,6 +40,18 @@ void balance_stack(inout Stack stack, bool pushes, bool pops) {
     }
 }
 
+// The newest entry, for those who will pop or replace it.
+uint newest_entry(inout Stack stack, bool wanted) {
+    if (STACK_SPILLS) {
+        balance_stack(stack, false, wanted);
+    }
+    return stack.newer.x;
+}
+
+void replace_newest(inout Stack stack, bool replaces, uint entry) {
+    stack.newer.x = replaces ? entry : stack.newer.x;
+}
+
 // Pushes `entry` if `pushes`, or pops and yields the newest entry if `pops`; not both.
 uint update_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
     if (STACK_SPILLS) {

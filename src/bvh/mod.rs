@@ -4,8 +4,9 @@
 //! room knows triangles and rays; it knows nothing of scenes' files, materials or the GPU.
 
 mod traverse;
+mod wide;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use glam::Vec3;
 use obvhs::aabb::Aabb;
@@ -26,11 +27,44 @@ pub const MAX_TRIANGLES: usize = 1 << LEAF_COUNT_SHIFT;
 /// for each level.
 const FREE_LEVELS: u32 = 60;
 
+/// Shapes that a tree can be given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum BvhKind {
+    /// Two children a node, boxes in f32. 64 bytes a node.
+    Bvh2,
+    /// Four children a node, boxes in 8 bits. 64 bytes a node.
+    Bvh4,
+    /// Eight children a node, boxes in 8 bits. 80 bytes a node.
+    Cwbvh,
+}
+
+impl BvhKind {
+    /// Children of a node.
+    pub fn width(self) -> u32 {
+        match self {
+            Self::Bvh2 => 2,
+            Self::Bvh4 => 4,
+            Self::Cwbvh => 8,
+        }
+    }
+
+    /// 16-byte texels of a node.
+    pub fn node_texels(self) -> usize {
+        match self {
+            Self::Bvh2 | Self::Bvh4 => 4,
+            Self::Cwbvh => 5,
+        }
+    }
+}
+
 /// A BVH over triangles.
 #[derive(Debug)]
 pub struct Bvh {
-    /// Inner nodes, the root first. Never empty: a tree of one leaf has a root with one child.
-    pub nodes: Vec<Node>,
+    /// Its shape.
+    pub kind: BvhKind,
+    /// Inner nodes as the kernels read them, the root first. Never empty: a tree of one leaf has a
+    /// root with one child.
+    pub texels: Vec<[u32; 4]>,
     /// For each place in leaf order, the index of the triangle in the input.
     pub order: Vec<u32>,
     /// Inner nodes on the longest way from the root to a leaf, at most 60 more than in a balanced
@@ -41,36 +75,65 @@ pub struct Bvh {
     /// Expected cost of a random ray that meets the root box, in triangle tests, with an inner
     /// node at the price of one. (Surface area heuristic, MacDonald and Booth 1990)
     pub sah_cost: f64,
-    /// Time that obvhs took.
+    /// Time that it took to build.
     pub build_time: Duration,
 }
 
 impl Bvh {
     /// Builds the hierarchy of at least 1 and at most [`MAX_TRIANGLES`] triangles.
     ///
-    /// obvhs's preset `medium_build`: PLOC with reinsertion, near the slower presets in traversal
+    /// Whatever its shape, it comes from a binary tree of obvhs's preset `medium_build`: PLOC with reinsertion, near the slower presets in traversal
     /// cost at a fraction of their time, and without spatial splits, so that every triangle lies
     /// in one leaf and every box holds its triangles whole.
-    pub fn build(triangles: &[[Vec3; 3]]) -> Self {
+    pub fn build(kind: BvhKind, triangles: &[[Vec3; 3]]) -> Self {
         let input: Vec<Triangle> =
             triangles.iter().map(|t| Triangle { v0: t[0].into(), v1: t[1].into(), v2: t[2].into() }).collect();
-        let params = BvhBuildParams { max_prims_per_leaf: LEAF_MAX_TRIANGLES, ..BvhBuildParams::medium_build() };
-        let mut build_time = Duration::ZERO;
-        let mut tree = build_bvh2_from_tris(&input, params, &mut build_time);
+        let max_prims_per_leaf = if kind == BvhKind::Bvh2 { LEAF_MAX_TRIANGLES } else { 1 };
+        let params = BvhBuildParams { max_prims_per_leaf, ..BvhBuildParams::medium_build() };
+        let start = Instant::now();
+        let mut tree = build_bvh2_from_tris(&input, params, &mut Duration::default());
         limit_depth(&mut tree);
-        let mut bvh = Self { nodes: Vec::new(), order: Vec::new(), depth: 0, leaf_count: 0, sah_cost: 0.0, build_time };
-        bvh.flatten(&tree);
+        let mut bvh = Self {
+            kind,
+            texels: Vec::new(),
+            order: Vec::new(),
+            depth: 0,
+            leaf_count: 0,
+            sah_cost: 0.0,
+            build_time: Duration::ZERO,
+        };
+        match kind {
+            BvhKind::Bvh2 => bvh.flatten(&tree),
+            BvhKind::Bvh4 | BvhKind::Cwbvh => wide::collapse(&tree, kind.width() as usize, &mut bvh),
+        }
+        bvh.build_time = start.elapsed();
         bvh
+    }
+
+    /// Nodes of the tree.
+    pub fn node_count(&self) -> usize {
+        self.texels.len() / self.kind.node_texels()
+    }
+
+    /// The nodes of a two-wide tree.
+    ///
+    /// # Panics
+    /// When the tree is of another shape.
+    pub fn binary_nodes(&self) -> &[Node] {
+        assert_eq!(self.kind, BvhKind::Bvh2, "another tree has other nodes");
+        bytemuck::cast_slice(&self.texels)
     }
 
     /// Lays the tree out depth first, and its triangles in the order of its leaves.
     fn flatten(&mut self, tree: &Bvh2) {
+        let mut nodes = Vec::with_capacity(tree.nodes.len() / 2 + 1);
         self.order.reserve(tree.primitive_indices.len());
         let root_area = f64::from(tree.nodes[0].aabb.half_area()).max(f64::MIN_POSITIVE);
         if tree.nodes[0].is_leaf() {
             let left = self.push_leaf(&tree.primitive_indices, &tree.nodes[0]);
-            self.nodes.push(Node { left, ..EMPTY });
-            self.set_box(0, Side::Left, &tree.nodes[0].aabb);
+            let mut root = Node { left, ..EMPTY };
+            set_box(&mut root, Side::Left, &tree.nodes[0].aabb);
+            self.texels = bytemuck::cast::<Node, [[u32; 4]; 4]>(root).to_vec();
             self.depth = 1;
             self.sah_cost = f64::from(tree.nodes[0].prim_count);
             return;
@@ -85,8 +148,8 @@ impl Bvh {
             } else {
                 self.sah_cost += area_share;
                 self.depth = self.depth.max(depth);
-                let index = self.nodes.len();
-                self.nodes.push(EMPTY);
+                let index = nodes.len();
+                nodes.push(EMPTY);
                 for (child, side) in [(1, Side::Right), (0, Side::Left)] {
                     let referrer = Some((index, side));
                     open.push(Subtree { source: node.first_index + child, referrer, depth: depth + 1 });
@@ -95,22 +158,13 @@ impl Bvh {
             };
             if let Some((parent, side)) = referrer {
                 match side {
-                    Side::Left => self.nodes[parent].left = reference,
-                    Side::Right => self.nodes[parent].right = reference,
+                    Side::Left => nodes[parent].left = reference,
+                    Side::Right => nodes[parent].right = reference,
                 }
-                self.set_box(parent, side, &node.aabb);
+                set_box(&mut nodes[parent], side, &node.aabb);
             }
         }
-    }
-
-    fn set_box(&mut self, node: usize, side: Side, aabb: &Aabb) {
-        let node = &mut self.nodes[node];
-        let (low, high) = match side {
-            Side::Left => (&mut node.left_low, &mut node.left_high),
-            Side::Right => (&mut node.right_low, &mut node.right_high),
-        };
-        *low = aabb.min.into();
-        *high = aabb.max.into();
+        self.texels = bytemuck::cast_vec::<Node, [u32; 4]>(nodes);
     }
 
     fn push_leaf(&mut self, primitive_indices: &[u32], node: &Bvh2Node) -> u32 {
@@ -120,6 +174,15 @@ impl Bvh {
         self.leaf_count += 1;
         leaf_reference(first, node.prim_count)
     }
+}
+
+fn set_box(node: &mut Node, side: Side, aabb: &Aabb) {
+    let (low, high) = match side {
+        Side::Left => (&mut node.left_low, &mut node.left_high),
+        Side::Right => (&mut node.right_low, &mut node.right_high),
+    };
+    *low = aabb.min.into();
+    *high = aabb.max.into();
 }
 
 /// A part of obvhs's tree that is still to be laid out.

@@ -110,6 +110,7 @@ fn walk(
     mut limit: f32,
     mut visit: impl FnMut(std::ops::Range<u32>) -> ControlFlow<(), f32>,
 ) -> Work {
+    let nodes = bvh.binary_nodes();
     let inverse = safe_inverse(ray.direction);
     let mut stack = vec![0_u32];
     let mut work = Work::default();
@@ -125,7 +126,7 @@ fn walk(
             continue;
         }
         work.nodes += 1;
-        let Node { left_low, left, left_high, right_low, right, right_high, .. } = bvh.nodes[reference as usize];
+        let Node { left_low, left, left_high, right_low, right, right_high, .. } = nodes[reference as usize];
         let enter_left = enter_box(left_low, left_high, ray.origin, inverse, limit);
         let enter_right = enter_box(right_low, right_high, ray.origin, inverse, limit);
         match (enter_left, enter_right) {

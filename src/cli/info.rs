@@ -32,8 +32,8 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
     writeln!(text, "environment      {}", environment(&scene))?;
     writeln!(text, "bounds           {low} to {high}")?;
     writeln!(text, "needs            {}", needs(&prepared))?;
-    let Bvh { nodes, depth, leaf_count, sah_cost, build_time, .. } = &prepared.bvh;
-    writeln!(text, "BVH nodes        {}", nodes.len())?;
+    let Bvh { depth, leaf_count, sah_cost, build_time, .. } = &prepared.bvh;
+    writeln!(text, "BVH nodes        {}", prepared.bvh.node_count())?;
     writeln!(text, "BVH leaves       {leaf_count}, {:.2} triangles each", triangles as f64 / f64::from(*leaf_count))?;
     writeln!(text, "BVH depth        {depth}")?;
     writeln!(text, "BVH SAH cost     {sah_cost:.2}")?;

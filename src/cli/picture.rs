@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use clap::ValueEnum;
 
+use crate::bvh::BvhKind;
 use crate::gpu::{Device, Instance};
 use crate::render::{MAX_MATERIAL_BRANCHES, Scheduler, Settings, Sort};
 use crate::scene::{Integrator, Scene};
@@ -50,6 +51,9 @@ pub struct PictureArguments {
     /// Branches that the scattering of hits is spread over by triangle, as if the scene had so many BSDFs
     #[arg(long, value_name = "BRANCHES", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_MATERIAL_BRANCHES)))]
     materials: u32,
+    /// Shape of the BVH
+    #[arg(long, default_value = "bvh2")]
+    bvh: BvhName,
     /// Order in which the wavefront shades
     #[arg(long, default_value = "none")]
     sort: SortName,
@@ -75,6 +79,16 @@ enum SchedulerName {
     Wavefront,
     /// One kernel that follows a path from the camera to its end
     Megakernel,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum BvhName {
+    /// Two children a node
+    Bvh2,
+    /// Four children a node, boxes in 8 bits
+    Bvh4,
+    /// Eight children a node, boxes in 8 bits
+    Cwbvh,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -112,6 +126,11 @@ impl PictureArguments {
             workgroup_size: self.workgroup,
             shading_cost: self.shading_cost,
             material_branches: self.materials,
+            bvh: match self.bvh {
+                BvhName::Bvh2 => BvhKind::Bvh2,
+                BvhName::Bvh4 => BvhKind::Bvh4,
+                BvhName::Cwbvh => BvhKind::Cwbvh,
+            },
             sort: match self.sort {
                 SortName::None => Sort::None,
                 SortName::Material => Sort::Material,
@@ -139,6 +158,15 @@ pub fn integrator_name(integrator: Integrator) -> &'static str {
     match integrator {
         Integrator::Implicit => "implicit",
         Integrator::Explicit => "explicit",
+    }
+}
+
+/// Name of a shape of BVH, as the command line has it.
+pub fn bvh_name(kind: BvhKind) -> &'static str {
+    match kind {
+        BvhKind::Bvh2 => "bvh2",
+        BvhKind::Bvh4 => "bvh4",
+        BvhKind::Cwbvh => "cwbvh",
     }
 }
 

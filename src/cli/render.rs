@@ -15,7 +15,7 @@ use crate::render::{Outcome, PreparedScene, Progress, Session, Settings, Statist
 use crate::scene::Scene;
 
 use super::devices::kind_name;
-use super::picture::{PictureArguments, integrator_name, scheduler_name, sort_name};
+use super::picture::{PictureArguments, bvh_name, integrator_name, scheduler_name, sort_name};
 use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
 
 /// Render a scene to an image
@@ -52,7 +52,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     ensure!(arguments.exposure.is_finite(), "--exposure {} is not a number of stops", arguments.exposure);
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
     let settings = arguments.picture.settings(&scene)?;
-    let prepared = PreparedScene::new(&scene)?;
+    let prepared = PreparedScene::with_bvh(&scene, settings.bvh)?;
     let device = arguments.picture.open_device()?;
     let mut session = Session::new(&device, &prepared, &settings)?;
 
@@ -142,7 +142,7 @@ impl Report<'_> {
             "fast_math": settings.fast_math,
             "paths_in_flight": statistics.paths_in_flight,
             "workgroup_size_invocations": statistics.workgroup_size,
-            "bvh": "bvh2",
+            "bvh": bvh_name(settings.bvh),
             "scene_fetch": if statistics.texel_fetch { "texel" } else { "storage" },
             "device": self.device.name,
             "device_kind": kind_name(self.device.kind),
@@ -179,7 +179,7 @@ impl Report<'_> {
             "gpu_seconds": statistics.gpu_seconds(),
             "kernels": kernels,
             "triangles": self.prepared.triangles.len(),
-            "bvh_nodes": self.prepared.bvh.nodes.len(),
+            "bvh_nodes": self.prepared.bvh.node_count(),
             "bvh_build_seconds": self.prepared.bvh.build_time.as_secs_f64(),
             "device_memory_bytes": statistics.memory_bytes,
             "mean_radiance": mean.mean.to_array(),

@@ -145,6 +145,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bvh::BvhKind;
     use crate::render::{Scheduler, Sort};
     use crate::scene::Integrator;
     use proptest::prelude::*;
@@ -171,6 +172,7 @@ mod tests {
             workgroup_size: None,
             shading_cost: 0,
             material_branches: 1,
+            bvh: BvhKind::Bvh2,
             sort: Sort::None,
             paths_per_invocation: None,
             fast_math: false,

@@ -6,7 +6,7 @@ use thiserror::Error;
 use super::plan::Plan;
 use super::settings::{Settings, Sort};
 use crate::alias::alias_table;
-use crate::bvh::{self, Bvh};
+use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
 use crate::layout::{self, AliasCell, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
 use crate::scene::{self, Environment, EnvironmentMap, Integrator, Scene, Surface};
@@ -102,11 +102,19 @@ impl Normalisation {
 }
 
 impl PreparedScene {
-    /// Builds the BVH and lays the scene out.
+    /// [`PreparedScene::with_bvh`] of the kind that is fastest on most scenes.
     ///
     /// # Errors
     /// When the scene is larger than an index can tell.
     pub fn new(scene: &Scene) -> Result<Self, PrepareError> {
+        Self::with_bvh(scene, BvhKind::Bvh2)
+    }
+
+    /// Builds a BVH of that kind and lays the scene out.
+    ///
+    /// # Errors
+    /// When the scene is larger than an index can tell.
+    pub fn with_bvh(scene: &Scene, kind: BvhKind) -> Result<Self, PrepareError> {
         let mesh = &scene.mesh;
         if mesh.triangles.len() > bvh::MAX_TRIANGLES {
             return Err(PrepareError::TooManyTriangles(mesh.triangles.len()));
@@ -114,7 +122,7 @@ impl PreparedScene {
         let normalisation = Normalisation::of(scene);
         let points: Vec<Vec3> = mesh.positions.iter().map(|p| normalisation.point(*p).as_vec3()).collect();
         let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.positions.map(|i| points[i as usize])).collect();
-        let bvh = Bvh::build(&corners);
+        let bvh = Bvh::build(kind, &corners);
         let triangles: Vec<Triangle> = bvh
             .order
             .iter()
@@ -208,7 +216,7 @@ impl PreparedScene {
     pub fn specialization(&self, settings: &Settings, plan: &Plan) -> Vec<u32> {
         let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
             self.features;
-        let mut constants = vec![0; SPEC_REGENERATES as usize + 1];
+        let mut constants = vec![0; SPEC_BVH_WIDTH as usize + 1];
         for (id, value) in [
             (SPEC_WORKGROUP_SIZE, plan.workgroup_size),
             (SPEC_STACK_SIZE, self.stack_size()),
@@ -232,6 +240,7 @@ impl PreparedScene {
             (SPEC_SHADING_COST, settings.shading_cost),
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
+            (SPEC_BVH_WIDTH, self.bvh.kind.width()),
             (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
         ] {
             constants[id as usize] = value;
@@ -402,7 +411,7 @@ impl PreparedScene {
     /// Bytes of the scene's buffers on the device, by role; empty ones are left out.
     pub fn buffer_bytes(&self) -> Vec<(&'static str, u64)> {
         let all: [(&'static str, usize); 9] = [
-            ("nodes", size_of_val(&self.bvh.nodes[..])),
+            ("nodes", size_of_val(&self.bvh.texels[..])),
             ("triangles", size_of_val(&self.triangles[..])),
             ("materials", size_of_val(&self.materials[..])),
             ("lights", size_of_val(&self.lights[..])),

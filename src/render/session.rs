@@ -353,7 +353,7 @@ pub fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Ite
     };
     [
         uniform,
-        data("nodes", 16, bytemuck::cast_slice(&scene.bvh.nodes)),
+        data("nodes", 16, bytemuck::cast_slice(&scene.bvh.texels)),
         data("triangles", 16, bytemuck::cast_slice(&scene.triangles)),
         data("materials", 16, bytemuck::cast_slice(&scene.materials)),
         data("lights", 16, bytemuck::cast_slice(&scene.lights)),

@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+use crate::bvh::BvhKind;
 use crate::constants::MATERIAL_BINS;
 use crate::scene::{Integrator, Scene};
 
@@ -57,6 +58,8 @@ pub struct Settings {
     /// [1, [`MAX_MATERIAL_BRANCHES`]], to stand for a scene of so many BSDFs. They do not change the
     /// image.
     pub material_branches: u32,
+    /// The shape of the BVH.
+    pub bvh: BvhKind,
     /// The order in which the wavefront shades.
     pub sort: Sort,
     /// Paths that an invocation of the megakernel follows one after the other, at least 1. Above 1
@@ -102,6 +105,7 @@ impl Settings {
             workgroup_size: None,
             shading_cost: 0,
             material_branches: 1,
+            bvh: BvhKind::Bvh2,
             sort: Sort::None,
             paths_per_invocation: None,
             fast_math: false,

@@ -15,8 +15,23 @@ struct Answer {
     uvec4 walk;   // 1 where something blocks, most entries that a stack that spills held, unused
 };
 
-// Walks every node that the ray enters, to see how far the stack grows.
-uint deepest_stack(Ray ray) {
+uint entries(Stack stack) { return stack.count + STACK_BLOCK * stack.blocks; }
+
+uint deepest_wide_stack(Ray ray) {
+    GridRay grid = grid_ray(ray);
+    Stack stack = empty_stack();
+    uint deepest = 0u;
+    uint node = 0u;
+    while (node != NO_NODE) {
+        uint first_triangle;
+        uint hits = meet_children(node, grid, FARTHEST, first_triangle);
+        node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
+        deepest = max(deepest, entries(stack));
+    }
+    return deepest;
+}
+
+uint deepest_binary_stack(Ray ray) {
     Stack stack = empty_stack();
     uint deepest = 0u;
     uint current = 0u;
@@ -26,9 +41,14 @@ uint deepest_stack(Ray ray) {
         } else {
             current = update_stack(stack, false, true, 0u);
         }
-        deepest = max(deepest, stack.count + STACK_BLOCK * stack.blocks);
+        deepest = max(deepest, entries(stack));
     }
     return deepest;
+}
+
+// Walks every node that the ray enters, to see how far the stack grows.
+uint deepest_stack(Ray ray) {
+    return BVH_WIDTH == 2u ? deepest_binary_stack(ray) : deepest_wide_stack(ray);
 }
 
 Answer probe(Query query) {

@@ -1,0 +1,163 @@
+// Traversal of four- and eight-wide BVHs with quantised boxes.
+// (Ylitie, Karras and Laine 2017, Efficient Incoherent Ray Traversal on GPUs Through Compressed
+// Wide BVHs)
+//
+// A node is four texels for four children, five for eight:
+//     origin of its grid (three floats), exponents of the grid's steps (three bytes)
+//     first child << 8 | octants of inner children, first triangle, meta of each child (8 bytes)
+//     low x, high x, low y, high y, low z, high z of four children (a byte each), then of the others
+// The meta of an inner child is 001 and WIDE_INNER_BIT + its octant (5 bits); that of a leaf its
+// triangles in unary (3 bits) and the first of them, from the node's first triangle on (5 bits).
+#ifndef WIDE_GLSL
+#define WIDE_GLSL
+#include "intersect.glsl"
+#include "slab.glsl"
+#include "stack.glsl"
+#include "work.glsl"
+
+const uint WIDE_TEXELS = BVH_WIDTH == 8u ? 5u : 4u;
+const uint NO_NODE = 0xffffffffu;
+
+// A plane's distance is off by at most eight roundings of the largest terms that it is made of.
+const float PLANE_ERROR = 8.0 * 5.9604645e-8;
+
+vec4 bytes(uint word) { return vec4((uvec4(word) >> uvec4(0u, 8u, 16u, 24u)) & 255u); }
+
+vec4 lesser(vec4 a, vec4 b) { return vec4(lesser(a.x, b.x), lesser(a.y, b.y), lesser(a.z, b.z), lesser(a.w, b.w)); }
+vec4 greater(vec4 a, vec4 b) { return vec4(greater(a.x, b.x), greater(a.y, b.y), greater(a.z, b.z), greater(a.w, b.w)); }
+
+// A ray as nodes see it.
+struct GridRay {
+    vec3 origin;
+    vec3 inverse;
+    bvec3 backwards;
+    uint octant;  // of the nearest corner of a box, in each byte
+};
+
+GridRay grid_ray(Ray ray) {
+    vec3 inverse = safe_inverse(ray.direction);
+    bvec3 backwards = lessThan(inverse, vec3(0.0));
+    uint octant = (backwards.x ? 0u : 4u) | (backwards.y ? 0u : 2u) | (backwards.z ? 0u : 1u);
+    return GridRay(ray.origin, inverse, backwards, octant * 0x01010101u);
+}
+
+// The ray against four children: bits of what it meets.
+uint meet_four(uvec2 x, uvec2 y, uvec2 z, uint meta, GridRay ray, vec3 scale, vec3 near, vec3 far, float limit) {
+    vec4 near_x = bytes(ray.backwards.x ? x.y : x.x) * scale.x + near.x;
+    vec4 near_y = bytes(ray.backwards.y ? y.y : y.x) * scale.y + near.y;
+    vec4 near_z = bytes(ray.backwards.z ? z.y : z.x) * scale.z + near.z;
+    vec4 far_x = bytes(ray.backwards.x ? x.x : x.y) * scale.x + far.x;
+    vec4 far_y = bytes(ray.backwards.y ? y.x : y.y) * scale.y + far.y;
+    vec4 far_z = bytes(ray.backwards.z ? z.x : z.y) * scale.z + far.z;
+    vec4 enter = greater(greater(near_x, near_y), greater(near_z, vec4(0.0)));
+    vec4 leave = lesser(lesser(far_x, far_y), lesser(far_z, vec4(limit)));
+    bvec4 met = lessThanEqual(enter, leave * SLAB_SLACK);
+
+    // In each byte: whether the child is inner, the place of its lowest bit, its bits.
+    uint inner = (((meta & (meta << 1)) & 0x10101010u) >> 4) * 0xffu;
+    uvec4 places = (uvec4((meta ^ (ray.octant & inner)) & 0x1f1f1f1fu) >> uvec4(0u, 8u, 16u, 24u)) & 255u;
+    uvec4 bits = (uvec4((meta >> 5) & 0x07070707u) >> uvec4(0u, 8u, 16u, 24u)) & 255u;
+    uvec4 hits = mix(uvec4(0u), bits << places, met);
+    return hits.x | hits.y | hits.z | hits.w;
+}
+
+// What the ray meets in a node: inner children from WIDE_INNER_BIT on, the nearest one highest, and
+// triangles from `first_triangle` on in the bits under it.
+uint meet_children(uint node, GridRay ray, float limit, out uint first_triangle) {
+    count_node();
+    uvec4 grid = fetch_nodes(WIDE_TEXELS * node);
+    uvec4 links = fetch_nodes(WIDE_TEXELS * node + 1u);
+    uvec4 planes = fetch_nodes(WIDE_TEXELS * node + 2u);
+    uvec4 more_planes = fetch_nodes(WIDE_TEXELS * node + 3u);
+    first_triangle = links.y;
+    vec3 scale = uintBitsToFloat(((uvec3(grid.w) >> uvec3(0u, 8u, 16u)) & 255u) << 23) * ray.inverse;
+    vec3 offset = (uintBitsToFloat(grid.xyz) - ray.origin) * ray.inverse;
+    vec3 error = (abs(offset) + 255.0 * abs(scale)) * PLANE_ERROR;
+    vec3 near = offset - error;
+    vec3 far = offset + error;
+    uint hits = meet_four(planes.xy, planes.zw, more_planes.xy, links.z, ray, scale, near, far, limit);
+    if (BVH_WIDTH == 8u) {
+        uvec4 last_planes = fetch_nodes(WIDE_TEXELS * node + 4u);
+        hits |= meet_four(more_planes.zw, last_planes.xy, last_planes.zw, links.w, ray, scale, near, far, limit);
+    }
+    return hits;
+}
+
+// The child to visit next: the nearest of the `inner` children of `node` that the ray meets, or of
+// those that the stack remembers. A stack entry is a node and its children left.
+uint next_node(uint node, uint inner, uint octant, inout Stack stack) {
+    bool own = inner != 0u;
+    uint group = own ? (node << 8) | inner : newest_entry(stack, !own);
+    bool none = group == TRAVERSAL_DONE;
+    group = none ? 1u : group;
+    uint nearest = findMSB(group & 255u);
+    uint rest = group & ~(1u << nearest);
+    bool left = (rest & 255u) != 0u;
+    replace_newest(stack, !own && left, rest);
+    update_stack(stack, own && left, !own && !left, rest);
+    uint links = fetch_nodes(WIDE_TEXELS * (group >> 8) + 1u).x;
+    uint child = (links >> 8) + bitCount(links & 255u & ((1u << (nearest ^ (octant & 7u))) - 1u));
+    return none ? NO_NODE : child;
+}
+
+Hit trace_closest_wide(Ray ray) {
+    GridRay grid = grid_ray(ray);
+    RaySpace space = ray_space(ray.direction);
+    Hit nearest = Hit(NO_TRIANGLE, vec2(0.0), FARTHEST);
+    uint nearest_original = NO_TRIANGLE;
+    Stack stack = empty_stack();
+    uint node = 0u;
+    while (node != NO_NODE) {
+        uint triangles = 0u;
+        uint first_triangle = 0u;
+        while (triangles == 0u && node != NO_NODE) {
+            uint hits = meet_children(node, grid, nearest.distance, first_triangle);
+            triangles = hits & ((1u << WIDE_INNER_BIT) - 1u);
+            node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
+        }
+        while (triangles != 0u) {
+            count_triangle();
+            uint triangle = first_triangle + findLSB(triangles);
+            triangles &= triangles - 1u;
+            Triangle t = fetch_triangle(triangle);
+            float distance;
+            vec2 barycentrics;
+            bool hit = intersect_triangle(ray.origin, space, t, distance, barycentrics) && triangle != ray.leaves;
+            if (hit && (distance < nearest.distance || (distance == nearest.distance && t.original < nearest_original))) {
+                nearest = Hit(triangle, barycentrics, distance);
+                nearest_original = t.original;
+            }
+        }
+    }
+    return nearest;
+}
+
+bool trace_any_wide(Ray ray, uint target, float limit) {
+    GridRay grid = grid_ray(ray);
+    RaySpace space = ray_space(ray.direction);
+    bool blocked = false;
+    Stack stack = empty_stack();
+    uint node = 0u;
+    while (node != NO_NODE) {
+        uint triangles = 0u;
+        uint first_triangle = 0u;
+        while (triangles == 0u && node != NO_NODE) {
+            uint hits = meet_children(node, grid, limit, first_triangle);
+            triangles = hits & ((1u << WIDE_INNER_BIT) - 1u);
+            node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
+        }
+        while (triangles != 0u) {
+            count_triangle();
+            uint triangle = first_triangle + findLSB(triangles);
+            triangles &= triangles - 1u;
+            float distance;
+            vec2 barycentrics;
+            bool hit = intersect_triangle(ray.origin, space, fetch_triangle(triangle), distance, barycentrics);
+            blocked = blocked || (hit && distance < limit && triangle != ray.leaves && triangle != target);
+        }
+        node = blocked ? NO_NODE : node;
+    }
+    return blocked;
+}
+
+#endif
