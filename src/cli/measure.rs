@@ -1,6 +1,7 @@
 //! The renderer that studies measure: sessions on a device, one for each configuration.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::error::Error;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -11,10 +12,11 @@ use anyhow::{Context, anyhow, bail};
 use super::devices::kind_name;
 use super::load_scene;
 use super::picture::PictureArguments;
+use crate::bvh::BvhKind;
 use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::Device;
 use crate::layout::WorkCount;
-use crate::render::{Outcome, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
+use crate::render::{Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
 use crate::scene::{Integrator, Scene};
 use crate::studies::{
     BounceRow, Configuration, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts,
@@ -33,8 +35,20 @@ pub struct DeviceRenderer {
 }
 
 struct OpenScene {
-    prepared: PreparedScene,
+    scene: Scene,
     settings: Settings,
+    /// By the shape of its BVH, as far as configurations have asked for it.
+    prepared: HashMap<BvhKind, PreparedScene>,
+}
+
+impl OpenScene {
+    /// The scene with a BVH of that shape.
+    fn prepare(&mut self, kind: BvhKind) -> Result<&PreparedScene, PrepareError> {
+        match self.prepared.entry(kind) {
+            Entry::Occupied(entry) => Ok(entry.into_mut()),
+            Entry::Vacant(entry) => Ok(entry.insert(PreparedScene::with_bvh(&self.scene, kind)?)),
+        }
+    }
 }
 
 /// The order in which a bounce runs its kernels, for tables.
@@ -78,22 +92,24 @@ impl DeviceRenderer {
         self.sessions.clear();
         let scene: Scene = load_scene((!path.is_empty()).then_some(Path::new(path)), self.quiet)?;
         let settings = self.picture.settings(&scene)?;
-        let prepared = PreparedScene::new(&scene)?;
+        let (name, hash) = (scene.name.clone(), scene.hash.clone());
+        let mut open = OpenScene { scene, settings, prepared: HashMap::new() };
+        let prepared = open.prepare(settings.bvh)?;
         let facts = SceneFacts {
-            scene: scene.name,
-            scene_hash: scene.hash,
+            scene: name,
+            scene_hash: hash,
             width_pixels: settings.width,
             height_pixels: settings.height,
             samples_per_pixel: settings.samples,
             triangles: prepared.triangles.len() as u64,
             bvh_nodes: prepared.bvh.node_count() as u64,
         };
-        self.scene = Some(OpenScene { prepared, settings });
+        self.scene = Some(open);
         Ok(facts)
     }
 
     fn render(&mut self, configuration: &Configuration, purpose: Purpose) -> anyhow::Result<Measurement> {
-        let scene = self.scene.as_ref().context("a scene is opened before it is rendered")?;
+        let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
         let settings = configured(scene.settings, configuration)?;
         let key = configuration.to_string();
         match purpose {
@@ -104,7 +120,8 @@ impl DeviceRenderer {
             }
             Purpose::Counting => {
                 let options = SessionOptions { counting: true, ..SessionOptions::default() };
-                let mut session = Session::with_options(&self.device, &scene.prepared, &settings, options)?;
+                let mut session =
+                    Session::with_options(&self.device, scene.prepare(settings.bvh)?, &settings, options)?;
                 let outcome = session.render(|_| ControlFlow::Continue(()))?;
                 let lanes = self.device.description().subgroup_size;
                 let mut measured = measurement(&settings, &outcome);
@@ -118,7 +135,8 @@ impl DeviceRenderer {
 
     /// The first render of a configuration: from nothing to an image.
     fn render_first(&mut self, settings: Settings, key: String) -> anyhow::Result<Measurement> {
-        let OpenScene { prepared, .. } = self.scene.as_ref().context("a scene is opened before it is rendered")?;
+        let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
+        let prepared = scene.prepare(settings.bvh)?;
         let start = Instant::now();
         let mut session = Session::new(&self.device, prepared, &settings)?;
         let mut first_sample = None;
@@ -174,6 +192,9 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("in-flight", _) => settings.in_flight = Some(count()?),
             ("workgroup", _) => settings.workgroup_size = Some(count()?),
             ("paths-per-invocation", _) => settings.paths_per_invocation = Some(count()?),
+            ("bvh", "bvh2") => settings.bvh = BvhKind::Bvh2,
+            ("bvh", "bvh4") => settings.bvh = BvhKind::Bvh4,
+            ("bvh", "cwbvh") => settings.bvh = BvhKind::Cwbvh,
             ("sort", "none") => settings.sort = Sort::None,
             ("sort", "material") => settings.sort = Sort::Material,
             ("fast-math", _) => settings.fast_math = level == "on",

@@ -75,6 +75,12 @@ pub const FACTORS: &[FactorKind] = &[
         meaning: "paths of a megakernel's invocation",
     },
     FactorKind {
+        name: "bvh",
+        role: Role::Schedule,
+        levels: Levels::Named(&["bvh2", "bvh4", "cwbvh"]),
+        meaning: "shape of the BVH",
+    },
+    FactorKind {
         name: "sort",
         role: Role::Schedule,
         levels: Levels::Named(&["none", "material"]),
