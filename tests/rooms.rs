@@ -15,7 +15,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("constants", &[]),
     ("export", &["film", "stats", "studies", "whole_file"]),
     ("film", &["whole_file"]),
-    ("gpu", &["recording", "shaders"]),
+    ("gpu", &["recording", "shaders", "whole_file"]),
     ("layout", &[]),
     ("lib", &[]),
     ("main", &[]),

@@ -174,7 +174,7 @@ fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
     rows.sort_by_key(|row| rank(&row.kernel));
     Measurement {
         wall_seconds: statistics.wall_time.as_secs_f64(),
-        gpu_seconds: statistics.gpu_seconds(),
+        gpu_seconds: statistics.gpu_seconds,
         samples: statistics.sample_count,
         nonfinite_samples: statistics.nonfinite_samples.into(),
         rays: Rays { camera: statistics.camera_rays, bounce: statistics.bounce_rays, shadow: statistics.shadow_rays },

@@ -172,7 +172,7 @@ impl Report<'_> {
             "shadow_rays": statistics.shadow_rays,
             "nonfinite_samples": statistics.nonfinite_samples,
             "wall_seconds": wall,
-            "gpu_seconds": statistics.gpu_seconds(),
+            "gpu_seconds": statistics.gpu_seconds,
             "kernels": kernels,
             "triangles": self.prepared.triangles.len(),
             "bvh_nodes": self.prepared.bvh.nodes.len(),

@@ -68,6 +68,18 @@ impl Pipelines {
         (built.pipeline, built.variant)
     }
 
+    /// The kernels.
+    pub fn names(&self) -> Vec<&'static str> {
+        self.kernels.keys().copied().collect()
+    }
+
+    /// Adds what came after the pipeline was made to the time of a kernel.
+    pub fn add_time(&mut self, name: &str, time: Duration) {
+        if let Some(built) = self.kernels.get_mut(name) {
+            built.time += time;
+        }
+    }
+
     /// Time that each kernel took to build.
     pub fn build_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.kernels.iter().map(|(name, built)| (*name, built.time))
@@ -121,7 +133,7 @@ impl Pipelines {
             .specialization_info(&constants);
         let infos = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout)];
         // SAFETY: module and layout are alive, and the layout holds every binding of the kernel.
-        let built = unsafe { self.device.raw.create_compute_pipelines(vk::PipelineCache::null(), &infos, None) };
+        let built = unsafe { self.device.raw.create_compute_pipelines(self.device.pipeline_cache.raw, &infos, None) };
         // SAFETY: a pipeline does not need its module once it is built.
         unsafe { self.device.raw.destroy_shader_module(module, None) };
         built.map(|pipelines| pipelines[0]).map_err(|(_, result)| GpuError::Pipeline { kernel: name, result })

@@ -73,6 +73,9 @@ pub struct Statistics {
     pub nonfinite_samples: u32,
     /// From the first batch to the last.
     pub wall_time: Duration,
+    /// Inside the command buffers of the batches, from end to end, on the device's clock; 0 where it
+    /// has none.
+    pub gpu_seconds: f64,
     /// Time and launches by kernel and bounce.
     pub passes: BTreeMap<(&'static str, u32), KernelTime>,
     /// Rays by bounce; the last entry takes all that follow. The megakernel counts all of its rays
@@ -92,11 +95,6 @@ impl Statistics {
     /// Rays of all classes.
     pub fn rays(&self) -> u64 {
         self.camera_rays + self.bounce_rays + self.shadow_rays
-    }
-
-    /// Sum of the kernels' times.
-    pub fn gpu_seconds(&self) -> f64 {
-        self.passes.values().map(|time| time.seconds).sum()
     }
 
     /// Time and launches by kernel.
@@ -283,6 +281,7 @@ impl Session {
             shadow_rays,
             nonfinite_samples: control.nonfinite_samples,
             wall_time,
+            gpu_seconds: self.executor.device_seconds(),
             passes: self.executor.kernel_times().clone(),
             ray_counts,
             memory_bytes: self.executor.memory_bytes(),
