@@ -37,6 +37,11 @@ struct OpenScene {
 /// The order in which a bounce runs its kernels, for tables.
 const KERNEL_ORDER: [&str; 7] = ["megakernel", "generate", "extend", "shade", "prepare_dispatch", "connect", "resolve"];
 
+/// The place of a kernel in a bounce.
+pub fn stage(kernel: &str) -> Option<usize> {
+    KERNEL_ORDER.iter().position(|name| *name == kernel)
+}
+
 impl DeviceRenderer {
     /// A renderer of pictures like this one, on the device that they want.
     ///
@@ -162,7 +167,6 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
 fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
     let statistics = &outcome.statistics;
     let kernels = statistics.kernels();
-    let rank = |kernel: &str| KERNEL_ORDER.iter().position(|name| *name == kernel);
     let mut rows: Vec<_> = kernels
         .iter()
         .map(|(kernel, time)| KernelRow {
@@ -171,7 +175,7 @@ fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
             launches: time.launches,
         })
         .collect();
-    rows.sort_by_key(|row| rank(&row.kernel));
+    rows.sort_by_key(|row| stage(&row.kernel));
     Measurement {
         wall_seconds: statistics.wall_time.as_secs_f64(),
         gpu_seconds: statistics.gpu_seconds,

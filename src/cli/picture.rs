@@ -1,10 +1,9 @@
 //! What picture to make and on which device: the arguments that commands which render share.
 
-use std::sync::Arc;
-
 use clap::ValueEnum;
 
-use crate::gpu::{Device, Instance};
+use super::open_device;
+use crate::gpu::Device;
 use crate::render::{Scheduler, Settings};
 use crate::scene::{Integrator, Scene};
 
@@ -101,9 +100,12 @@ impl PictureArguments {
     /// # Errors
     /// No Vulkan, no such device.
     pub fn open_device(&self) -> anyhow::Result<Device> {
-        let instance = Arc::new(Instance::new(false)?);
-        let description = instance.choose(self.device.as_deref())?;
-        Ok(Device::open(&instance, description)?)
+        open_device(self.device())
+    }
+
+    /// The device that is wanted, by number or part of its name.
+    pub fn device(&self) -> Option<&str> {
+        self.device.as_deref()
     }
 }
 

@@ -9,7 +9,7 @@ mod error;
 pub mod heatmap;
 mod html;
 mod markdown;
-mod numbers;
+pub(crate) mod numbers;
 
 use std::path::{Path, PathBuf};
 

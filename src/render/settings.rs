@@ -1,5 +1,6 @@
 //! What to render and how, resolved from scene file and command line.
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::scene::{Integrator, Scene};
@@ -22,7 +23,7 @@ pub enum SettingsError {
 }
 
 /// Settings of a render. All of them are in its metadata.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Image width in pixels, at least 1.
     pub width: u32,
@@ -50,7 +51,7 @@ pub struct Settings {
 }
 
 /// How the work is cut into kernels. The image is the same to the last bit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Scheduler {
     /// A kernel a stage, queues between them.
     Wavefront,
