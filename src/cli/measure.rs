@@ -3,26 +3,30 @@
 use std::collections::HashMap;
 use std::error::Error;
 use std::ops::ControlFlow;
-use std::path::Path;
-use std::time::Instant;
+use std::path::PathBuf;
 
 use anyhow::{Context, anyhow, bail};
 
 use super::devices::kind_name;
 use super::load_scene;
 use super::picture::PictureArguments;
-use crate::gpu::Device;
+use super::render::settings_record;
+use super::start_up::{self, Contrast};
+use crate::gpu::{Device, DeviceKind};
 use crate::render::{Outcome, PreparedScene, Scheduler, Session, Settings};
 use crate::scene::{Integrator, Scene};
 use crate::studies::{
-    BounceRow, Configuration, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts,
+    BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
+    SceneFacts,
 };
 
 /// Renders scenes on a device by the configurations of a study.
 pub struct DeviceRenderer {
     device: Device,
     picture: PictureArguments,
-    /// Whether the warnings of scenes are kept back.
+    /// Processes that are started with cold caches, and as many with warm ones.
+    start_ups: usize,
+    /// Whether warnings are kept back.
     quiet: bool,
     scene: Option<OpenScene>,
     /// Kept between renders of a configuration, so that timed ones find everything built.
@@ -30,6 +34,8 @@ pub struct DeviceRenderer {
 }
 
 struct OpenScene {
+    /// `None` for the built-in one.
+    path: Option<PathBuf>,
     prepared: PreparedScene,
     settings: Settings,
 }
@@ -47,9 +53,9 @@ impl DeviceRenderer {
     ///
     /// # Errors
     /// No Vulkan, no such device.
-    pub fn new(picture: &PictureArguments, quiet: bool) -> anyhow::Result<Self> {
+    pub fn new(picture: &PictureArguments, start_ups: usize, quiet: bool) -> anyhow::Result<Self> {
         let device = picture.open_device()?;
-        Ok(Self { device, picture: picture.clone(), quiet, scene: None, sessions: HashMap::new() })
+        Ok(Self { device, picture: picture.clone(), start_ups, quiet, scene: None, sessions: HashMap::new() })
     }
 
     /// Adds what the device is to a record.
@@ -61,13 +67,15 @@ impl DeviceRenderer {
             driver: device.driver.clone(),
             vulkan_version: device.vulkan_version.clone(),
             subgroup_size_lanes: device.subgroup_size,
+            cpu: (device.kind == DeviceKind::Cpu).then(cpu).flatten(),
             ..provenance
         }
     }
 
     fn open_scene(&mut self, path: &str) -> anyhow::Result<SceneFacts> {
         self.sessions.clear();
-        let scene: Scene = load_scene((!path.is_empty()).then_some(Path::new(path)), self.quiet)?;
+        let path = (!path.is_empty()).then(|| PathBuf::from(path));
+        let scene: Scene = load_scene(path.as_deref(), self.quiet)?;
         let settings = self.picture.settings(&scene)?;
         let prepared = PreparedScene::new(&scene)?;
         let facts = SceneFacts {
@@ -79,7 +87,7 @@ impl DeviceRenderer {
             triangles: prepared.triangles.len() as u64,
             bvh_nodes: prepared.bvh.nodes.len() as u64,
         };
-        self.scene = Some(OpenScene { prepared, settings });
+        self.scene = Some(OpenScene { path, prepared, settings });
         Ok(facts)
     }
 
@@ -101,29 +109,41 @@ impl DeviceRenderer {
     /// The first render of a configuration: from nothing to an image.
     fn render_first(&mut self, settings: Settings, key: String) -> anyhow::Result<Measurement> {
         let OpenScene { prepared, .. } = self.scene.as_ref().context("a scene is opened before it is rendered")?;
-        let start = Instant::now();
         let mut session = Session::new(&self.device, prepared, &settings)?;
-        let mut first_sample = None;
-        let pixels = u64::from(settings.width) * u64::from(settings.height);
-        let outcome = session.render(|progress| {
-            if progress.samples_done >= pixels {
-                first_sample.get_or_insert(start.elapsed());
-            }
-            ControlFlow::Continue(())
-        })?;
+        let outcome = session.render(|_| ControlFlow::Continue(()))?;
         let mut measured = measurement(&settings, &outcome);
-        measured.start_up_seconds = first_sample.unwrap_or(start.elapsed()).as_secs_f64();
-        measured.pipelines = session
-            .pipeline_times()
-            .map(|(kernel, time)| PipelineBuild {
-                kernel: kernel.to_owned(),
-                cold_seconds: Some(time.as_secs_f64()),
-                cached_seconds: None,
-            })
-            .collect();
+        measured.settings = settings_record(&settings, &outcome.statistics);
         measured.image = Some(outcome.film.mean());
         self.sessions.insert(key, session);
+        if self.start_ups > 0 {
+            self.start_up(&settings, &mut measured);
+        }
         Ok(measured)
+    }
+
+    /// Measures start-up in processes of its own. Without it a comparison is still worth its while.
+    fn start_up(&mut self, settings: &Settings, measured: &mut Measurement) {
+        let path = self.scene.as_ref().and_then(|scene| scene.path.as_deref());
+        match start_up::measure(path, self.picture.device(), settings, self.start_ups) {
+            Ok(start_ups) => {
+                let Contrast { cold, cached } = start_ups.seconds();
+                measured.cold_start_up_seconds = Some(cold.value);
+                measured.cached_start_up_seconds = Some(cached.value);
+                let build = |(kernel, Contrast { cold, cached })| PipelineBuild {
+                    kernel,
+                    cold_seconds: Some(cold.value),
+                    cached_seconds: Some(cached.value),
+                };
+                measured.pipelines = start_ups.pipelines().into_iter().map(build).collect();
+            }
+            Err(error) => {
+                // What failed once would fail again.
+                self.start_ups = 0;
+                if !self.quiet {
+                    eprintln!("warning: start-up and compile times are not measured: {error:#}");
+                }
+            }
+        }
     }
 }
 
@@ -139,6 +159,23 @@ impl Renderer for DeviceRenderer {
     ) -> Result<Measurement, Box<dyn Error + Send + Sync>> {
         self.render(configuration, purpose).map_err(|error| format!("{error:#}").into())
     }
+}
+
+/// The processor, as Linux tells of it.
+fn cpu() -> Option<Cpu> {
+    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let values = |key: &str| {
+        let of_key = move |line: &str| {
+            let (name, value) = line.split_once(':')?;
+            (name.trim() == key).then(|| value.trim().to_owned())
+        };
+        text.lines().filter_map(of_key).collect::<Vec<_>>()
+    };
+    Some(Cpu {
+        model: values("model name").into_iter().next()?,
+        logical_processors: std::thread::available_parallelism().ok()?.get(),
+        megahertz: values("cpu MHz").iter().filter_map(|value| value.parse().ok()).reduce(f64::max),
+    })
 }
 
 /// The settings of a configuration.

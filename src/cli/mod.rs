@@ -82,7 +82,7 @@ pub fn main() -> ExitCode {
         Command::Info(arguments) => info::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments, |arguments| {
-            let renderer = measure::DeviceRenderer::new(&arguments.picture, arguments.quiet)?;
+            let renderer = measure::DeviceRenderer::new(&arguments.picture, arguments.start_ups, arguments.quiet)?;
             let provenance = Provenance { clocks: arguments.clocks.clone(), ..renderer.sign(compare::provenance()) };
             Ok((Box::new(renderer), provenance))
         }),

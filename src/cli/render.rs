@@ -9,6 +9,7 @@ use anyhow::{Context, ensure};
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 
+use crate::export::plain;
 use crate::film::{WriteOptions, check_output, write_image};
 use crate::gpu::DeviceDescription;
 use crate::render::{Outcome, PreparedScene, Progress, Session, Settings, Statistics};
@@ -169,11 +170,6 @@ fn object(value: Value) -> Map<String, Value> {
     }
 }
 
-/// A value for people: text without quotes.
-pub fn as_text(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
-}
-
 impl Report<'_> {
     fn settings(&self, statistics: &Statistics) -> Map<String, Value> {
         record(self.scene, self.settings, self.device, statistics)
@@ -216,7 +212,7 @@ fn write(arguments: &RenderArguments, report: &Report<'_>, outcome: &Outcome) ->
     let metadata: Vec<(String, String)> = report
         .settings(&outcome.statistics)
         .into_iter()
-        .map(|(key, value)| (format!("raywave.{key}"), as_text(&value)))
+        .map(|(key, value)| (format!("raywave.{key}"), plain(&value)))
         .collect();
     let options = WriteOptions { exposure: arguments.exposure, metadata: &metadata };
     write_image(&arguments.output, &outcome.film.mean(), &options)?;

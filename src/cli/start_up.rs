@@ -18,9 +18,10 @@ use serde_json::{Map, Value, json};
 use super::compare::at_least_one;
 use super::measure::stage;
 use super::picture::PictureArguments;
-use super::render::{as_text, record};
+use super::render::record;
 use super::{load_scene, open_device, print};
 use crate::export::numbers::{Unit, interval};
+use crate::export::plain;
 use crate::render::{PreparedScene, Session, Settings};
 use crate::stats::{Bootstrap, Estimate};
 
@@ -116,7 +117,11 @@ pub fn measure(
         command.arg("first-sample").args(device.map(|name| format!("--device={name}"))).arg("--").args(scene);
         command.envs(CACHE_FOLDERS.map(|name| (name, folder.path())));
         for (name, value) in COLD {
-            if cold { command.env(name, value) } else { command.env_remove(name) };
+            if cold {
+                command.env(name, value)
+            } else {
+                command.env_remove(name)
+            };
         }
         run(command, &settings)
     };
@@ -186,9 +191,11 @@ impl StartUps {
 
     /// Seconds of each kernel's pipeline, in the order in which a bounce runs them.
     pub fn pipelines(&self) -> Vec<(String, Contrast)> {
-        let mut names: Vec<&String> = self.cold.iter().take(1).flat_map(|run| &run.told.pipelines).map(|(n, _)| n).collect();
+        let mut names: Vec<&String> =
+            self.cold.iter().take(1).flat_map(|run| &run.told.pipelines).map(|(n, _)| n).collect();
         names.sort_by_key(|name| stage(name));
-        let of = |run: &Run, name: &String| run.told.pipelines.iter().find(|(n, _)| n == name).map_or(f64::NAN, |(_, s)| *s);
+        let of =
+            |run: &Run, name: &String| run.told.pipelines.iter().find(|(n, _)| n == name).map_or(f64::NAN, |(_, s)| *s);
         names.into_iter().map(|name| (name.clone(), self.contrast(|run| of(run, name)))).collect()
     }
 }
@@ -220,9 +227,10 @@ pub fn run_command(arguments: &StartUpArguments) -> anyhow::Result<()> {
         return print(&(serde_json::to_string_pretty(&report)? + "\n"));
     }
 
-    let mut rows = vec![("start-up".to_owned(), measured.seconds()), ("pipelines".to_owned(), measured.all_pipelines())];
+    let mut rows =
+        vec![("start-up".to_owned(), measured.seconds()), ("pipelines".to_owned(), measured.all_pipelines())];
     rows.extend(measured.pipelines().into_iter().map(|(kernel, seconds)| (format!("  {kernel}"), seconds)));
-    let tell = |key: &str| as_text(&settings[key]);
+    let tell = |key: &str| plain(&settings[key]);
     let mut text = format!(
         "{}, {}x{}, {}, on {}\nmedian of {} processes with its {:.0} % interval\n\n{:<20} {:<26} cached\n",
         tell("scene"),

@@ -38,7 +38,8 @@ impl Identity {
         let (hash, data) = file.split_at_checked(HASH_BYTES)?;
         let header = data.get(..HEADER_BYTES)?;
         let word = |i: usize| u32::from_le_bytes(header[4 * i..4 * i + 4].try_into().expect("a word has four bytes"));
-        let known = [HEADER_BYTES as u32, vk::PipelineCacheHeaderVersion::ONE.as_raw() as u32, self.vendor, self.device];
+        let known =
+            [HEADER_BYTES as u32, vk::PipelineCacheHeaderVersion::ONE.as_raw() as u32, self.vendor, self.device];
         let is_own = (0..4).all(|i| word(i) == known[i]) && header[16..] == self.uuid;
         (is_own && blake3::hash(data).as_bytes() == hash).then(|| data.to_vec())
     }

@@ -19,7 +19,8 @@ pub use crossover::{Crossing, CrossingDirection, Crossover, CrossoverPoint, find
 pub use error::StudyError;
 pub use factorial::{Configuration, Design, FACTORS, Factor, FactorKind, Levels, Role, parse_count};
 pub use measurement::{
-    BounceRow, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts, WorkCounters,
+    BounceRow, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts,
+    WorkCounters,
 };
 pub use noise::{modified_z_scores, outliers, rank_correlation, trend};
 pub use runner::{Event, Listener, Rounds, Study};
