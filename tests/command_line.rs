@@ -118,6 +118,11 @@ const REFUSED: &[(&str, &str)] = &[
     ("compare --until 3%% --html page.html", "--until <SHARE>"),
     ("compare --html missing/page.html", "missing"),
     ("compare missing.toml --rounds 1", "missing.toml"),
+    ("start-up --rounds 0", "--rounds <N>"),
+    ("start-up missing.toml", "missing.toml: cannot read"),
+    ("start-up --device abacus", "no device is called or numbered 'abacus'"),
+    ("start-up --width 60000 --height 60000", "60000x60000 pixels needs a film of 230400000000 bytes"),
+    ("first-sample", "no settings on stdin"),
     ("render -o a.png --exposure nan", "--exposure NaN"),
     ("render -o a.png --exposure bright", "invalid float literal"),
     ("render -o a.png --device abacus", "no device is called or numbered 'abacus'; there are: 0 "),
@@ -345,7 +350,15 @@ fn statistics_and_metadata_hold_every_setting() {
     ] {
         assert_eq!(settings[key], value, "{key}");
     }
-    for key in ["raywave_version", "scheduler", "bvh", "driver", "vulkan_version", "workgroup_size_invocations"] {
+    for key in [
+        "raywave_version",
+        "rustc_version",
+        "scheduler",
+        "bvh",
+        "driver",
+        "vulkan_version",
+        "workgroup_size_invocations",
+    ] {
         assert!(settings.contains_key(key), "{key} in {json}");
     }
 
@@ -354,6 +367,131 @@ fn statistics_and_metadata_hold_every_setting() {
     let as_text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     let in_json = settings.iter().map(|(key, value)| (format!("raywave.{key}"), as_text(value))).collect();
     assert_eq!(in_image, in_json);
+}
+
+/// A picture that no default is like, without `--quiet`.
+const ODD: [&str; 12] = [
+    "--width",
+    "16",
+    "--height",
+    "8",
+    "--scheduler",
+    "megakernel",
+    "--workgroup",
+    "64",
+    "--in-flight",
+    "100",
+    "--seed",
+    "7",
+];
+
+#[test]
+fn start_up_is_that_of_the_picture_that_is_asked_for() {
+    let folder = Folder::new();
+    let output = folder.succeed(&[&["start-up", "--rounds", "2", "--json"], &ODD[..]].concat());
+    let json: Value = serde_json::from_str(&output).expect("it is JSON");
+    for (key, value) in [
+        ("width_pixels", Value::from(16)),
+        ("height_pixels", 8.into()),
+        ("samples_per_pixel", 1.into()),
+        ("scheduler", "megakernel".into()),
+        ("workgroup_size_invocations", 64.into()),
+        ("paths_in_flight", 100.into()),
+        ("seed", 7.into()),
+        ("scene_hash", Scene::cornell_box().hash.into()),
+        ("device", device().description().name.clone().into()),
+    ] {
+        assert_eq!(json["settings"][key], value, "{key}");
+    }
+    let is_estimate = |value: &Value| {
+        let [low, middle, high] = ["low", "value", "high"].map(|key| value[key].as_f64().expect("it was measured"));
+        0.0 < low && low <= middle && middle <= high
+    };
+    let pipelines = json["pipelines"].as_array().expect("a list");
+    let kernels: Vec<_> = pipelines.iter().map(|pipeline| pipeline["kernel"].as_str().expect("a name")).collect();
+    assert_eq!(kernels, ["megakernel", "prepare_dispatch", "resolve"]);
+    for times in pipelines.iter().chain([&json["start_up"], &json["all_pipelines"]]) {
+        for key in ["cold_seconds", "cached_seconds"] {
+            assert!(is_estimate(&times[key]), "{key} in {times}");
+        }
+    }
+    for (key, start_up) in [("cold_seconds", &json["start_up"]), ("cached_seconds", &json["start_up"])] {
+        let runs: Vec<_> = json["runs"][key].as_array().expect("a list").iter().filter_map(Value::as_f64).collect();
+        let middle = start_up[key]["value"].as_f64().expect("a number");
+        assert_eq!(runs.len(), 2);
+        assert!((runs.iter().sum::<f64>() / 2.0 - middle).abs() < 1e-9, "{runs:?} have the median {middle}");
+        // A process is longer than the parts of it that it tells of.
+        assert!(middle > json["all_pipelines"][key]["value"].as_f64().expect("a number"), "{key}");
+    }
+}
+
+#[test]
+fn start_up_leaves_no_file() {
+    let folder = Folder::new();
+    folder.scene("lamp", CAMERA, "v -1 -1 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n");
+    let before = folder.files();
+    let home = folder.0.path().as_os_str();
+    let output = folder
+        .command(&["start-up", "lamp.toml", "--rounds", "1", "--width", "8", "--height", "8"])
+        .envs([("HOME", home), ("XDG_CACHE_HOME", home), ("MESA_SHADER_CACHE_DIR", home)])
+        .output()
+        .expect("the program starts");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert_eq!(folder.files(), before);
+    let table = text(&output.stdout);
+    for row in ["lamp, 8x8, wavefront, on ", "start-up ", "pipelines ", "  generate ", "  extend ", "  resolve "] {
+        assert!(table.lines().any(|line| line.starts_with(row)), "{row} in {table}");
+    }
+}
+
+#[test]
+fn a_comparison_tells_of_start_up_and_of_shared_settings() {
+    let folder = Folder::new();
+    let compare = ["compare", "--vary", "scheduler", "--rounds", "1", "--start-ups", "1", "--seed", "7"];
+    let compare = |more: &[&str], temporary: Option<&Path>| {
+        let arguments = [&compare, &TINY[..6], &["--json", "study.json", "--csv", "study.csv"], more].concat();
+        let mut command = folder.command(&arguments);
+        command.envs(temporary.map(|path| ("TMPDIR", path)));
+        let output = command.output().expect("the program starts");
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let file = fs::read(folder.path("study.json")).expect("the study is written");
+        let json: Value = serde_json::from_slice(&file).expect("it is JSON");
+        (json, text(&output.stdout), text(&output.stderr))
+    };
+    let firsts = |json: &Value| {
+        let combinations = json["scenes"][0]["combinations"].as_array().expect("a list").clone();
+        combinations.into_iter().map(|combination| combination["first"].clone()).collect::<Vec<_>>()
+    };
+
+    let (json, markdown, warnings) = compare(&[], None);
+    assert!(!warnings.contains("start-up"), "{warnings}");
+    assert!(markdown.contains("| start-up |"), "{markdown}");
+    let shared = json["provenance"]["settings"].as_object().expect("settings are told");
+    assert_eq!((&shared["seed"], &shared["max_bounces"], &shared["width_pixels"]), (&7.into(), &8.into(), &16.into()));
+    assert!(!shared.contains_key("scheduler"), "it is varied");
+    assert!(json["provenance"]["rustc_version"].as_str().is_some_and(|version| version.starts_with("rustc ")));
+    for (first, (scheduler, kernels)) in firsts(&json).iter().zip([("wavefront", 6), ("megakernel", 3)]) {
+        assert_eq!(first["settings"]["scheduler"], scheduler);
+        let pipelines = first["pipelines"].as_array().expect("a list");
+        assert_eq!(pipelines.len(), kernels, "{scheduler}");
+        for key in ["cold_seconds", "cached_seconds"] {
+            assert!(pipelines.iter().all(|pipeline| pipeline[key].as_f64().is_some_and(|s| s > 0.0)), "{pipelines:?}");
+        }
+        for key in ["cold_start_up_seconds", "cached_start_up_seconds"] {
+            assert!(first[key].as_f64().is_some_and(|seconds| seconds > 0.0), "{key}");
+        }
+    }
+
+    // Where no process can be started, the study goes on without.
+    let (json, markdown, warnings) = compare(&[], Some(&folder.path("nowhere")));
+    assert_eq!(warnings.matches("warning: start-up and compile times are not measured").count(), 1, "{warnings}");
+    assert!(!markdown.contains("| start-up |"), "{markdown}");
+    for first in firsts(&json) {
+        assert_eq!((&first["cold_start_up_seconds"], &first["cached_start_up_seconds"]), (&Value::Null, &Value::Null));
+        assert_eq!(first["pipelines"], Value::Array(Vec::new()));
+    }
+    let csv = fs::read_to_string(folder.path("study.csv")).expect("the study is written");
+    assert!(csv.lines().skip(1).all(|line| line.contains(",,,,")), "{csv}");
 }
 
 #[test]

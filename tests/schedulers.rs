@@ -94,6 +94,22 @@ fn loops_that_the_driver_cuts_are_told() {
 }
 
 #[test]
+fn kernels_add_up_to_the_time_of_their_command_buffers() {
+    let device = device();
+    let scene = own_scene("cornell-box");
+    for scheduler in [Scheduler::Wavefront, Scheduler::Megakernel] {
+        let settings = Settings { width: 128, height: 128, samples: 8, scheduler, ..Settings::of(&scene) };
+        let statistics = render_on(&device, &scene, &settings).statistics;
+        let whole = statistics.gpu_seconds;
+        let sum: f64 = statistics.kernels().values().map(|time| time.seconds).sum();
+        assert!(whole > 0.0, "{scheduler:?}: the tests' drivers have clocks");
+        assert!(whole <= statistics.wall_time.as_secs_f64(), "{scheduler:?}: command buffers run within the render");
+        // Below 1: the barriers at both ends take time too.
+        assert!((0.95..1.0).contains(&(sum / whole)), "{scheduler:?}: kernels {sum} s, command buffers {whole} s");
+    }
+}
+
+#[test]
 fn schedulers_trace_the_same_rays() {
     let device = device();
     let scene = own_scene("cornell-box");
