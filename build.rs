@@ -1,7 +1,7 @@
 //! Compiles every kernel of `shaders/` to SPIR-V and writes the kernel table; and the probes of
 //! `tests/shaders/`, kernels that let the tests call single functions, into a table of their own.
 //!
-//! Each `NAME.comp` is compiled once for every [`VARIANTS`] entry. From the SPIR-V itself
+//! Each `NAME.comp` is compiled once for every [`Edition`] and every entry of [`ACCESSES`]. From the SPIR-V itself
 //! come the bindings, their access, the push-constant size and the block layouts that the tests
 //! compare with the Rust structs. Every shader error is reported before the build fails.
 
@@ -18,9 +18,23 @@ use rspirv::spirv::{Decoration, Op, StorageClass};
 #[path = "src/constants.rs"]
 mod constants;
 
-/// What differs between the builds of a kernel: it cannot be a specialization constant because
-/// it changes a descriptor's type or a required capability.
-const VARIANTS: [&[&str]; 4] = [&[], &["TEXEL_FETCH"], &["SUBGROUP_BALLOT"], &["TEXEL_FETCH", "SUBGROUP_BALLOT"]];
+/// How the builds of a kernel reach memory: it cannot be a specialization constant because it
+/// changes a descriptor's type or a required capability.
+const ACCESSES: [&[&str]; 4] = [&[], &["TEXEL_FETCH"], &["SUBGROUP_BALLOT"], &["TEXEL_FETCH", "SUBGROUP_BALLOT"]];
+
+/// What a build of a kernel is for.
+#[derive(Clone, Copy, PartialEq)]
+enum Edition {
+    /// The driver may not contract arithmetic.
+    Exact,
+    /// It may.
+    FastMath,
+    /// Exact, with bindings and code that count the work.
+    Counting,
+}
+
+/// In the order of `shaders::Edition`.
+const EDITIONS: [Edition; 3] = [Edition::Exact, Edition::FastMath, Edition::Counting];
 
 /// Where the kernels' own functions lie, and then what probes share.
 const INCLUDES: [&str; 2] = ["shaders/include", PROBES];
@@ -37,8 +51,8 @@ fn main() {
         println!("cargo::rerun-if-changed={source}");
     }
     let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
-    let kernels = Table::of(&compiler, "shaders", &out);
-    let probes = Table::of(&compiler, PROBES, &out);
+    let kernels = Table::of(&compiler, "shaders", &EDITIONS, &out);
+    let probes = Table::of(&compiler, PROBES, &[Edition::Exact], &out);
 
     let errors: Vec<_> = [&kernels, &probes].into_iter().flat_map(|table| &table.errors).cloned().collect();
     if !errors.is_empty() {
@@ -67,7 +81,7 @@ struct Table {
 }
 
 impl Table {
-    fn of(compiler: &shaderc::Compiler, folder: &str, out: &Path) -> Self {
+    fn of(compiler: &shaderc::Compiler, folder: &str, editions: &[Edition], out: &Path) -> Self {
         let mut paths: Vec<PathBuf> = fs::read_dir(folder)
             .map(|entries| entries.map(|entry| entry.expect("a shader folder can be read").path()).collect())
             .unwrap_or_default();
@@ -78,9 +92,10 @@ impl Table {
         for path in &paths {
             let name = path.file_stem().unwrap_or_default().to_string_lossy();
             let source = fs::read_to_string(path).expect("a listed shader can be read");
-            writeln!(table.entries, "    Kernel {{ name: {name:?}, variants: [").expect("strings grow");
-            for (index, macros) in VARIANTS.iter().enumerate() {
-                match compile(compiler, path, &source, macros) {
+            writeln!(table.entries, "    Kernel {{ name: {name:?}, variants: &[").expect("strings grow");
+            let variants = editions.iter().flat_map(|edition| ACCESSES.map(|macros| (*edition, macros)));
+            for (index, (edition, macros)) in variants.enumerate() {
+                match compile(compiler, path, &source, edition, macros) {
                     Ok(module) => {
                         let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
                         let bytes: Vec<u8> = module.assemble().iter().flat_map(|word| word.to_ne_bytes()).collect();
@@ -100,8 +115,15 @@ impl Table {
     }
 }
 
-/// Compiles one variant of a kernel and forbids the driver to contract its arithmetic.
-fn compile(compiler: &shaderc::Compiler, path: &Path, source: &str, macros: &[&str]) -> Result<Module, String> {
+/// Compiles one variant of a kernel and, but for fast math, forbids the driver to contract its
+/// arithmetic.
+fn compile(
+    compiler: &shaderc::Compiler,
+    path: &Path,
+    source: &str,
+    edition: Edition,
+    macros: &[&str],
+) -> Result<Module, String> {
     let path = path.to_string_lossy();
     let mut options = shaderc::CompileOptions::new().expect("shaderc options start");
     options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
@@ -109,7 +131,8 @@ fn compile(compiler: &shaderc::Compiler, path: &Path, source: &str, macros: &[&s
     // Keeps the names that the reflection and the layout tests read.
     options.set_generate_debug_info();
     options.set_warnings_as_errors();
-    for name in macros {
+    let counting = (edition == Edition::Counting).then_some("COUNTING");
+    for name in macros.iter().copied().chain(counting) {
         options.add_macro_definition(name, Some("1"));
     }
     options.set_include_callback(|requested, _, _, _| {
@@ -125,7 +148,9 @@ fn compile(compiler: &shaderc::Compiler, path: &Path, source: &str, macros: &[&s
         .compile_into_spirv(source, shaderc::ShaderKind::Compute, &path, "main", Some(&options))
         .map_err(|error| error.to_string())?;
     let mut module = rspirv::dr::load_words(artifact.as_binary()).map_err(|error| format!("{path}: {error}"))?;
-    forbid_contraction(&mut module);
+    if edition != Edition::FastMath {
+        forbid_contraction(&mut module);
+    }
     Ok(module)
 }
 

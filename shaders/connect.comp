@@ -3,6 +3,10 @@
 // Threads: one a current shadow ray. Reads: shadow rays, scene. Writes: radiances.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#ifdef SUBGROUP_BALLOT
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_ballot : require
+#endif
 #include "constants.glsl"
 #include "path_state.glsl"
 #include "bvh.glsl"
@@ -17,5 +21,6 @@ void main() {
         if (!trace_any(shadow.ray, shadow.light, shadow_limit(shadow.light))) {
             radiances.rgb[slot] += vec4(shadow.radiance, 0.0);
         }
+        count_item(STAGE_CONNECT, batch.bounce);
     }
 }

@@ -2,6 +2,10 @@
 // Threads: one a current ray. Reads: ray queue, rays, scene. Writes: hits.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#ifdef SUBGROUP_BALLOT
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_ballot : require
+#endif
 #include "constants.glsl"
 #include "path_state.glsl"
 #include "bvh.glsl"
@@ -13,5 +17,6 @@ void main() {
     if (place < control.current_rays) {
         uint slot = current_ray(place);
         store_hit(slot, trace_closest(load_ray(slot)));
+        count_item(STAGE_EXTEND, batch.bounce);
     }
 }

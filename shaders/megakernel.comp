@@ -2,6 +2,10 @@
 // Threads: one a slot. Reads: frame, scene. Writes: radiances, control.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#ifdef SUBGROUP_BALLOT
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_ballot : require
+#endif
 #include "constants.glsl"
 #define CONTROL_ACCESS
 #include "path_state.glsl"
@@ -10,22 +14,27 @@
 layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
 void main() {
+    uint slots = batch.pixel_count * batch.sample_count;
     uint slot = gl_GlobalInvocationID.x;
-    bool live = slot < batch.pixel_count * batch.sample_count;
     Path path = begin_path(pixel_of(slot), sample_of(slot));
     vec3 radiance = vec3(0.0);
-    uint rays = 0u;
+    uint bounce_rays = 0u;
     uint shadow_rays = 0u;
-    bool continues = live;
-    while (continues) {
+    bool live = slot < slots;
+    while (live) {
         Hit hit = trace_closest(path.ray);
-        rays += 1u;
+        // The camera's rays are counted by the host.
+        bounce_rays += path.bounce > 0u ? 1u : 0u;
+        count_item(STAGE_EXTEND, path.bounce);
+        uint bounce = path.bounce;
         Vertex vertex;
         if (hit.triangle == NO_TRIANGLE) {
             vertex = shade_miss(path);
         } else {
             vertex = shade_hit(path, hit);
         }
+        count_vertex();
+        count_item(STAGE_SHADE, bounce);
         radiance += vertex.emission;
         bool lit = carries_light(vertex.shadow);
         // A loop of one turn at most: where no lane has a shadow ray, it is skipped.
@@ -34,16 +43,27 @@ void main() {
             if (!trace_any(vertex.shadow.ray, vertex.shadow.light, shadow_limit(vertex.shadow.light))) {
                 radiance += vertex.shadow.radiance;
             }
+            count_item(STAGE_CONNECT, bounce);
             lit = false;
         }
-        continues = vertex.continues;
+        bool ends = !vertex.continues;
+        while (ends) {
+            radiances.rgb[slot] = vec4(radiance, 0.0);
+            live = false;
+            // Take the next path at once rather than wait for the subgroup's longest. Its slot is
+            // known beforehand: a shared counter would let the workgroups that a device runs first
+            // take all paths.
+            if (REGENERATES) {
+                slot += gl_WorkGroupSize.x * gl_NumWorkGroups.x;
+                live = slot < slots;
+                path = begin_path(pixel_of(slot), sample_of(slot));
+                radiance = vec3(0.0);
+            }
+            ends = false;
+        }
     }
-    if (live) {
-        radiances.rgb[slot] = vec4(radiance, 0.0);
-        // The camera ray is counted by the host.
-        atomicAdd(control.next_rays, rays - 1u);
-        atomicAdd(control.next_shadow_rays, shadow_rays);
-    }
+    atomicAdd(control.next_rays, bounce_rays);
+    atomicAdd(control.next_shadow_rays, shadow_rays);
 
     // Where a driver leaves all loops after so many turns, it leaves this one too early. The sum
     // tells: compilers take a loop's own condition to hold when it ends.

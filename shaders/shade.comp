@@ -1,6 +1,6 @@
 // Shades the hit of every current ray: adds the light it found, queues its shadow ray and, where
 // the path goes on, its next ray.
-// Threads: one a current ray. Reads: ray queue, path state, hits, scene.
+// Threads: one a current ray. Reads: ray queue or its sorted copy, path state, hits, scene.
 // Writes: path state, radiances, shadow rays, the next half of the ray queue.
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -12,6 +12,7 @@
 #define CONTROL_ACCESS
 #include "path_state.glsl"
 #include "append.glsl"
+#include "work.glsl"
 
 layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
@@ -22,7 +23,7 @@ void main() {
     Path path;
     Vertex vertex = ended(vec3(0.0));
     if (live) {
-        slot = current_ray(place);
+        slot = SORTED ? sorted_rays.paths[place] : current_ray(place);
         path = load_path(slot);
         Hit hit = load_hit(slot);
         if (hit.triangle == NO_TRIANGLE) {
@@ -30,6 +31,8 @@ void main() {
         } else {
             vertex = shade_hit(path, hit);
         }
+        count_vertex();
+        count_item(STAGE_SHADE, batch.bounce);
         if (any(notEqual(vertex.emission, vec3(0.0)))) {
             radiances.rgb[slot] += vec4(vertex.emission, 0.0);
         }

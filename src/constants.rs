@@ -26,6 +26,17 @@ shared_constants! {
     /// Bounces whose rays are counted apart; the last count takes all that follow.
     COUNTED_BOUNCES = 64;
 
+    /// Where `count_item` counts a ray to the next surface.
+    STAGE_EXTEND = 0;
+    /// Where it counts a vertex.
+    STAGE_SHADE = 1;
+    /// Where it counts a ray to a light.
+    STAGE_CONNECT = 2;
+    /// Stages whose work is counted apart.
+    STAGES = 3;
+    /// Bins that rays are sorted into by what they hit: misses, then surfaces or branches.
+    MATERIAL_BINS = 128;
+
     /// Entries of the traversal stack that are kept in registers.
     STACK_REGISTERS = 8;
     /// Entries of the traversal stack that move between registers and memory at a time.
@@ -91,4 +102,10 @@ shared_constants! {
     SPEC_HAS_ROULETTE = 12;
     /// Steps of arithmetic added to the shading of each hit.
     SPEC_SHADING_COST = 13;
+    /// Branches that the scattering of hits is spread over, at least 1.
+    SPEC_MATERIAL_BRANCHES = 14;
+    /// Whether shade takes rays in the order of what they hit.
+    SPEC_SORTED = 15;
+    /// Whether an invocation of the megakernel goes on with another path when one has ended.
+    SPEC_REGENERATES = 16;
 }

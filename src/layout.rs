@@ -6,6 +6,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::constants::MATERIAL_BINS;
+
 /// What is uniform over a render. 116 bytes of a std140 block.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -182,6 +184,53 @@ impl RayCount {
     pub fn shadow_rays(&self) -> u64 {
         wide(self.shadow_rays)
     }
+}
+
+/// Work of a stage at one bounce, summed over its items: low and high halves. 32 bytes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct WorkCount {
+    /// Rays traced, or vertices shaded.
+    pub items: [u32; 2],
+    /// Nodes visited.
+    pub nodes: [u32; 2],
+    /// Triangles tested.
+    pub triangles: [u32; 2],
+    /// Node visits, triangle tests and shadings, each counted once for the lanes of a subgroup that
+    /// take it together; 0 where the device cannot tell.
+    pub steps: [u32; 2],
+}
+
+impl WorkCount {
+    /// Rays traced, or vertices shaded.
+    pub fn items(&self) -> u64 {
+        wide(self.items)
+    }
+
+    /// Nodes visited.
+    pub fn nodes(&self) -> u64 {
+        wide(self.nodes)
+    }
+
+    /// Triangles tested.
+    pub fn triangles(&self) -> u64 {
+        wide(self.triangles)
+    }
+
+    /// Steps of subgroups.
+    pub fn steps(&self) -> u64 {
+        wide(self.steps)
+    }
+}
+
+/// Bins that rays are sorted into. 1024 bytes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Bins {
+    /// Rays of each bin.
+    pub counts: [u32; MATERIAL_BINS as usize],
+    /// Where the next ray of each bin goes.
+    pub places: [u32; MATERIAL_BINS as usize],
 }
 
 fn wide([low, high]: [u32; 2]) -> u64 {

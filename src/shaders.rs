@@ -7,11 +7,23 @@
 pub struct Kernel {
     /// Name of the shader file without extension; the one name it has everywhere.
     pub name: &'static str,
-    /// Indexed by [`Access::variant_index`].
-    pub variants: [Variant; 4],
+    /// Four of each [`Edition`]; of a probe, of the exact one alone.
+    pub variants: &'static [Variant],
 }
 
-/// How kernels reach memory: what their variants differ in. All variants compute the same bits.
+/// What a build of a kernel is for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Edition {
+    /// Every scheduler and every way to reach memory computes the same bits.
+    #[default]
+    Exact,
+    /// The driver may fuse and reorder arithmetic. The image is the same up to rounding alone.
+    FastMath,
+    /// As exact, and counts what traversal and shading do. Slower.
+    Counting,
+}
+
+/// How kernels reach memory. Whatever it is, they compute the same bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Access {
     /// Scene buffers are read by texels, not as storage buffers.
@@ -20,17 +32,15 @@ pub struct Access {
     pub subgroup_ballot: bool,
 }
 
-impl Access {
-    /// Index into [`Kernel::variants`]: the order of `VARIANTS` in `build.rs`.
-    pub const fn variant_index(self) -> usize {
-        self.texel_fetch as usize + 2 * self.subgroup_ballot as usize
-    }
-}
-
 impl Kernel {
-    /// Whether the kernel uses the buffer of that GLSL name.
-    pub fn binds(&self, name: &str) -> bool {
-        self.variants[0].bindings.iter().any(|binding| binding.name == name)
+    /// The build for that use: `build.rs` lists them by edition, then by access.
+    pub fn variant(&self, edition: Edition, access: Access) -> &'static Variant {
+        &self.variants[4 * edition as usize + usize::from(access.texel_fetch) + 2 * usize::from(access.subgroup_ballot)]
+    }
+
+    /// Whether that edition of the kernel uses the buffer of that GLSL name.
+    pub fn binds(&self, edition: Edition, name: &str) -> bool {
+        self.variants[4 * edition as usize].bindings.iter().any(|binding| binding.name == name)
     }
 }
 

@@ -148,7 +148,7 @@ fn first_renders_are_reported_apart_and_counted_ones_are_not_timed() {
         let seconds = combination.seconds.expect("it was timed");
         assert_eq!((seconds.low, seconds.value, seconds.high), (1.0, 1.0, 1.0));
         assert_eq!(combination.runs.len(), 6);
-        assert_eq!(combination.counters.expect("it was counted").nodes_per_ray(), 23.4);
+        assert_eq!(combination.counters.as_ref().expect("it was counted").nodes_per_ray(), 23.4);
     }
 }
 

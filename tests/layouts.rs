@@ -13,7 +13,8 @@ use common::probe::{Bench, Uniform, any_scene, lanes, scene_of};
 use glam::{DVec3, Vec2, Vec3};
 use raywave::constants::{MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS, TRIANGLE_TEXELS};
 use raywave::layout::{
-    AliasCell, Batch, Control, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals, RayCount, Triangle,
+    AliasCell, Batch, Bins, Control, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals, RayCount,
+    Triangle, WorkCount,
 };
 use raywave::scene::{Environment, EnvironmentMap};
 use raywave::shaders::{Access, STRUCTS, StructLayout};
@@ -74,6 +75,8 @@ fn blocks() -> BTreeMap<&'static str, (usize, Vec<Field>)> {
             ),
         ),
         ("RayCount", (size_of::<RayCount>(), fields_of!(RayCount { rays, shadow_rays }))),
+        ("WorkCount", (size_of::<WorkCount>(), fields_of!(WorkCount { items, nodes, triangles, steps }))),
+        ("Bins", (size_of::<Bins>(), fields_of!(Bins { counts, places }))),
         (
             "FilmPixel",
             (size_of::<FilmPixel>(), fields_of!(FilmPixel { sum, sum_compensation, squares, squares_compensation })),
@@ -121,7 +124,8 @@ fn arrays_step_by_the_size_of_their_elements() {
         for member in layout.members.iter().filter(|member| member.array_stride > 0) {
             let expected = match (layout.name, member.name) {
                 ("Film", _) => 64,
-                ("RayQueue" | "Control" | "RayCount", _) => 4,
+                ("RayQueue" | "SortedRays" | "Control" | "RayCount" | "WorkCount" | "Bins", _) => 4,
+                ("WorkCounts", _) => size_of::<WorkCount>() as u32,
                 ("Buffer_texture_coordinates" | "Buffer_textures" | "Buffer_environment_aliases", _) => 8,
                 _ => 16,
             };

@@ -16,7 +16,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("export", &["film", "stats", "studies", "whole_file"]),
     ("film", &["whole_file"]),
     ("gpu", &["recording", "shaders", "whole_file"]),
-    ("layout", &[]),
+    ("layout", &["constants"]),
     ("lib", &[]),
     ("main", &[]),
     ("recording", &["layout"]),

@@ -47,6 +47,12 @@ struct FilmPixel {
 layout(set = 1, binding = 10, std430) buffer Film { FilmPixel pixels[]; } film;
 layout(set = 1, binding = 12, std430) buffer RayCounts { RayCount bounces[]; } ray_counts;  // COUNTED_BOUNCES
 
+layout(set = 1, binding = 14, std430) buffer SortedRays { uint paths[]; } sorted_rays;  // the current rays by bin
+layout(set = 1, binding = 15, std430) buffer Bins {
+    uint counts[MATERIAL_BINS];  // rays of each bin
+    uint places[MATERIAL_BINS];  // where the next ray of each bin goes
+} bins;
+
 // The batch of samples in flight: slots run over pixels first, then over samples.
 layout(push_constant) uniform Batch {
     uint first_pixel;

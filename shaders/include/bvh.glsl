@@ -3,6 +3,7 @@
 #define BVH_GLSL
 #include "geometry.glsl"
 #include "stack.glsl"
+#include "work.glsl"
 
 // The ray's own space: its axes permuted so that the direction is longest along z, then sheared
 // so that it becomes (0, 0, 1). (Woop, Benthin and Wald 2013, Watertight Ray/Triangle Intersection)
@@ -75,6 +76,7 @@ bool is_inner(uint reference) { return (reference & LEAF_BIT) == 0u; }
 // Steps from inner node `current` to its nearer child that the ray enters, the other one pushed,
 // or to the newest entry of the stack.
 uint descend(uint current, vec3 origin, vec3 inverse, float limit, inout Stack stack) {
+    count_node();
     uvec4 left_low = fetch_nodes(NODE_TEXELS * current);
     uvec4 left_high = fetch_nodes(NODE_TEXELS * current + 1u);
     uvec4 right_low = fetch_nodes(NODE_TEXELS * current + 2u);
@@ -110,6 +112,7 @@ Hit trace_closest(Ray ray) {
             uint triangle = leaf_first(current);
             uint end = triangle + leaf_count(current);
             while (triangle < end) {
+                count_triangle();
                 Triangle t = fetch_triangle(triangle);
                 float distance;
                 vec2 barycentrics;
@@ -141,6 +144,7 @@ bool trace_any(Ray ray, uint target, float limit) {
             uint triangle = leaf_first(current);
             uint end = triangle + leaf_count(current);
             while (triangle < end) {
+                count_triangle();
                 float distance;
                 vec2 barycentrics;
                 bool hit = intersect_triangle(ray.origin, space, fetch_triangle(triangle), distance, barycentrics);

@@ -8,6 +8,9 @@
 
 const bool EXPLICIT = INTEGRATOR == INTEGRATOR_EXPLICIT;
 
+// The branch that a triangle's scattering is in.
+uint material_branch(uint triangle) { return triangle % MATERIAL_BRANCHES; }
+
 struct Path {
     uint pixel;
     uint sample_index;
@@ -61,6 +64,35 @@ float spend(float x) {
     return x < 2.0 ? 1.0 : 0.0;
 }
 
+// Scatters by the BRDF and pays for it.
+Scatter scatter_at(Surface surface, Material material, bool specular, vec3 wo, vec4 u) {
+    Scatter scatter;
+    if (HAS_SPECULAR && specular) {
+        scatter = scatter_specular(material, surface, wo, u.y);
+    } else {
+        scatter = scatter_glossy(material, surface, wo, u.y, u.zw);
+    }
+    if (SHADING_COST > 0u) {
+        scatter.weight *= spend(u.y);
+    }
+    return scatter;
+}
+
+// As scatter_at, in the branch that the triangle belongs to: invocations of different branches
+// wait for each other, as those of different BRDFs in a switch do. A loop stands for the branch
+// because some devices run both sides of an `if`.
+Scatter scatter_in_branch(uint triangle, Surface surface, Material material, bool specular, vec3 wo, vec4 u) {
+    Scatter scatter;
+    for (uint branch = 0u; branch < MATERIAL_BRANCHES; branch++) {
+        bool taken = branch == material_branch(triangle);
+        while (taken) {
+            scatter = scatter_at(surface, material, specular, wo, u);
+            taken = false;
+        }
+    }
+    return scatter;
+}
+
 // The path met a surface: it finds a lamp, or gathers light and scatters.
 Vertex shade_hit(inout Path path, Hit hit) {
     Surface surface = surface_at(hit);
@@ -99,14 +131,13 @@ Vertex shade_hit(inout Path path, Hit hit) {
         path.throughput /= 1.0 - frame.roulette;
     }
 
-    // Scatter by the BRDF.
     Scatter scatter;
-    if (HAS_SPECULAR && specular) {
-        scatter = scatter_specular(material, surface, wo, u.y);
+    if (MATERIAL_BRANCHES > 1u) {
+        scatter = scatter_in_branch(hit.triangle, surface, material, specular, wo, u);
     } else {
-        scatter = scatter_glossy(material, surface, wo, u.y, u.zw);
+        scatter = scatter_at(surface, material, specular, wo, u);
     }
-    path.throughput *= SHADING_COST > 0u ? scatter.weight * spend(u.y) : scatter.weight;
+    path.throughput *= scatter.weight;
     path.ray = leave(surface, scatter.direction);
     path.bounce += 1u;
     path.sees_emission = !EXPLICIT || specular;

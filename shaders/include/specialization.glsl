@@ -17,6 +17,9 @@ layout(constant_id = SPEC_HAS_NORMALS) const bool HAS_NORMALS = true;
 layout(constant_id = SPEC_HAS_LENS) const bool HAS_LENS = true;
 layout(constant_id = SPEC_HAS_ROULETTE) const bool HAS_ROULETTE = true;
 layout(constant_id = SPEC_SHADING_COST) const uint SHADING_COST = 0u;
+layout(constant_id = SPEC_MATERIAL_BRANCHES) const uint MATERIAL_BRANCHES = 1u;
+layout(constant_id = SPEC_SORTED) const bool SORTED = false;
+layout(constant_id = SPEC_REGENERATES) const bool REGENERATES = false;
 
 const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
 const bool HAS_SPECULAR = HAS_MIRROR || HAS_GLASS;

@@ -13,7 +13,7 @@ use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 use obvhs::{BvhBuildParams, triangle::Triangle};
 
-pub use traverse::{Hit, Ray, intersect_triangle, trace_any, trace_closest};
+pub use traverse::{Hit, Ray, Work, count_any, count_closest, intersect_triangle, trace_any, trace_closest};
 
 use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES};
 use crate::layout::Node;

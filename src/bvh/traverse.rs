@@ -1,5 +1,7 @@
 //! CPU traversal of the kernels' nodes, in their arithmetic: the oracle of `bvh.glsl`.
 
+use std::ops::ControlFlow;
+
 use glam::{Vec3, Vec3Swizzles};
 
 use super::Bvh;
@@ -26,6 +28,15 @@ pub struct Hit {
     pub barycentrics: [f32; 2],
     /// Distance in lengths of the direction.
     pub distance: f32,
+}
+
+/// What a walk did.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Inner nodes visited.
+    pub nodes: u64,
+    /// Triangles tested.
+    pub triangles: u64,
 }
 
 /// The ray's own space: its axes permuted so that the direction is longest along z, then sheared
@@ -91,21 +102,32 @@ fn enter_box(low: [f32; 3], high: [f32; 3], origin: Vec3, inverse: Vec3, limit: 
     (enter <= leave * SLAB_SLACK).then_some(enter)
 }
 
-/// Visits the leaves that the ray enters before `limit` gives, nearer children first.
-fn walk(bvh: &Bvh, ray: &Ray, mut limit: impl FnMut(Option<std::ops::Range<u32>>) -> f32) {
+/// Visits the leaves that the ray enters nearer than `limit`, nearer children first. `visit` gives
+/// the limit from there on, or breaks the walk off.
+fn walk(
+    bvh: &Bvh,
+    ray: &Ray,
+    mut limit: f32,
+    mut visit: impl FnMut(std::ops::Range<u32>) -> ControlFlow<(), f32>,
+) -> Work {
     let inverse = safe_inverse(ray.direction);
     let mut stack = vec![0_u32];
+    let mut work = Work::default();
     while let Some(reference) = stack.pop() {
         if reference & LEAF_BIT != 0 {
             let first = reference & ((1 << LEAF_COUNT_SHIFT) - 1);
             let count = (reference & !LEAF_BIT) >> LEAF_COUNT_SHIFT;
-            limit(Some(first..first + count));
+            work.triangles += u64::from(count);
+            match visit(first..first + count) {
+                ControlFlow::Continue(nearer) => limit = nearer,
+                ControlFlow::Break(()) => break,
+            }
             continue;
         }
+        work.nodes += 1;
         let Node { left_low, left, left_high, right_low, right, right_high, .. } = bvh.nodes[reference as usize];
-        let reach = limit(None);
-        let enter_left = enter_box(left_low, left_high, ray.origin, inverse, reach);
-        let enter_right = enter_box(right_low, right_high, ray.origin, inverse, reach);
+        let enter_left = enter_box(left_low, left_high, ray.origin, inverse, limit);
+        let enter_right = enter_box(right_low, right_high, ray.origin, inverse, limit);
         match (enter_left, enter_right) {
             (Some(l), Some(r)) if l <= r => stack.extend([right, left]),
             (Some(_), Some(_)) => stack.extend([left, right]),
@@ -114,14 +136,20 @@ fn walk(bvh: &Bvh, ray: &Ray, mut limit: impl FnMut(Option<std::ops::Range<u32>>
             (None, None) => {}
         }
     }
+    work
 }
 
 /// The nearest hit; among equal distances the triangle that the scene lists first.
 pub fn trace_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> Option<Hit> {
+    count_closest(bvh, triangles, ray).0
+}
+
+/// [`trace_closest`], and the work that it was.
+pub fn count_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> (Option<Hit>, Work) {
     let mut nearest = Hit { triangle: NO_TRIANGLE, barycentrics: [0.0; 2], distance: f32::MAX };
     let mut nearest_original = NO_TRIANGLE;
-    walk(bvh, ray, |leaf| {
-        for place in leaf.into_iter().flatten() {
+    let work = walk(bvh, ray, nearest.distance, |leaf| {
+        for place in leaf {
             let triangle = &triangles[place as usize];
             let Some((distance, barycentrics)) = intersect_triangle(ray, triangle) else { continue };
             let nearer =
@@ -131,20 +159,25 @@ pub fn trace_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> Option<Hit
                 nearest_original = triangle.original;
             }
         }
-        nearest.distance
+        ControlFlow::Continue(nearest.distance)
     });
-    (nearest.triangle != NO_TRIANGLE).then_some(nearest)
+    ((nearest.triangle != NO_TRIANGLE).then_some(nearest), work)
 }
 
 /// Whether anything but the triangle `target` lies on the ray nearer than `limit`.
 pub fn trace_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> bool {
+    count_any(bvh, triangles, ray, target, limit).0
+}
+
+/// [`trace_any`], and the work that it was.
+pub fn count_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> (bool, Work) {
     let mut blocked = false;
-    walk(bvh, ray, |leaf| {
-        for place in leaf.into_iter().flatten() {
+    let work = walk(bvh, ray, limit, |leaf| {
+        for place in leaf {
             let hit = intersect_triangle(ray, &triangles[place as usize]);
             blocked |= hit.is_some_and(|(distance, _)| distance < limit) && place != ray.leaves && place != target;
         }
-        limit
+        if blocked { ControlFlow::Break(()) } else { ControlFlow::Continue(limit) }
     });
-    blocked
+    (blocked, work)
 }

@@ -34,8 +34,8 @@ pub struct CompareArguments {
     /// What to compare with, in place of the first level of each factor
     #[arg(long, value_name = "FACTOR=LEVEL,...")]
     pub baseline: Option<String>,
-    /// Sweep the cost of shading and find where the faster scheduler changes
-    #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = "shading-cost", value_parser = ["shading-cost"])]
+    /// Sweep the cost of shading, or the number of material branches, and find where the faster scheduler changes
+    #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = "shading-cost", value_parser = ["shading-cost", "materials"])]
     pub crossover: Option<String>,
     /// Timed renders of each combination, at least
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = at_least_one)]

@@ -12,12 +12,14 @@ use super::load_scene;
 use super::picture::PictureArguments;
 use super::render::settings_record;
 use super::start_up::{self, Contrast};
+use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceKind};
-use crate::render::{Outcome, PreparedScene, Scheduler, Session, Settings};
+use crate::layout::WorkCount;
+use crate::render::{Outcome, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
 use crate::scene::{Integrator, Scene};
 use crate::studies::{
     BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
-    SceneFacts,
+    SceneFacts, StageWork, WorkCounters,
 };
 
 /// Renders scenes on a device by the configurations of a study.
@@ -41,7 +43,18 @@ struct OpenScene {
 }
 
 /// The order in which a bounce runs its kernels, for tables.
-const KERNEL_ORDER: [&str; 7] = ["megakernel", "generate", "extend", "shade", "prepare_dispatch", "connect", "resolve"];
+const KERNEL_ORDER: [&str; 10] = [
+    "megakernel",
+    "generate",
+    "extend",
+    "count_bins",
+    "place_bins",
+    "sort_rays",
+    "shade",
+    "prepare_dispatch",
+    "connect",
+    "resolve",
+];
 
 /// The place of a kernel in a bounce.
 pub fn stage(kernel: &str) -> Option<usize> {
@@ -101,8 +114,17 @@ impl DeviceRenderer {
                 let session = self.sessions.get_mut(&key).context("a configuration is timed after its first render")?;
                 Ok(measurement(&settings, &session.render(|_| ControlFlow::Continue(()))?))
             }
-            // Kernels do not count nodes or triangles.
-            Purpose::Counting => Ok(Measurement::default()),
+            Purpose::Counting => {
+                let options = SessionOptions { counting: true, ..SessionOptions::default() };
+                let mut session = Session::with_options(&self.device, &scene.prepared, &settings, options)?;
+                let outcome = session.render(|_| ControlFlow::Continue(()))?;
+                let lanes = self.device.description().subgroup_size;
+                let mut measured = measurement(&settings, &outcome);
+                measured.counters = Some(work_counters(&outcome.statistics.work_counts, lanes));
+                // Counting kernels are exact: they have another image where the others are not.
+                measured.image = (!settings.fast_math).then(|| outcome.film.mean());
+                Ok(measured)
+            }
         }
     }
 
@@ -192,7 +214,12 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("integrator", "explicit") => settings.integrator = Integrator::Explicit,
             ("in-flight", _) => settings.in_flight = Some(count()?),
             ("workgroup", _) => settings.workgroup_size = Some(count()?),
+            ("paths-per-invocation", _) => settings.paths_per_invocation = Some(count()?),
+            ("sort", "none") => settings.sort = Sort::None,
+            ("sort", "material") => settings.sort = Sort::Material,
+            ("fast-math", _) => settings.fast_math = level == "on",
             ("shading-cost", _) => settings.shading_cost = count()?,
+            ("materials", _) => settings.material_branches = count()?,
             _ => bail!("{factor}={level} is nothing that the renderer can vary"),
         }
     }
@@ -222,7 +249,7 @@ fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
         kernels: rows,
         bounces: if settings.scheduler == Scheduler::Wavefront { bounce_rows(outcome) } else { Vec::new() },
         memory_bytes: statistics.memory_bytes,
-        path_state_bytes: path_state_bytes(settings.scheduler, outcome),
+        path_state_bytes: path_state_bytes(settings, outcome),
         ..Measurement::default()
     }
 }
@@ -244,21 +271,39 @@ fn bounce_rows(outcome: &Outcome) -> Vec<BounceRow> {
                 (_, 0) => statistics.camera_rays,
                 _ => count.rays(),
             }),
-            active_lane_share: None,
         })
         .collect();
     rows.sort_by_key(|row| row.bounce);
     rows
 }
 
+/// Work by stage and bounce, and in all, with subgroups of that many lanes.
+fn work_counters(counts: &[WorkCount], lanes: u32) -> WorkCounters {
+    let names = [(STAGE_EXTEND, "extend"), (STAGE_SHADE, "shade"), (STAGE_CONNECT, "connect")];
+    let stages = (counts.chunks_exact(STAGES as usize).zip(0..)).flat_map(|(bounce_counts, bounce)| {
+        names.map(|(stage, name)| {
+            let count = bounce_counts[stage as usize];
+            StageWork {
+                bounce,
+                stage: name.to_owned(),
+                items: count.items(),
+                nodes_visited: count.nodes(),
+                triangles_tested: count.triangles(),
+                lane_steps: count.steps() * u64::from(lanes),
+            }
+        })
+    });
+    WorkCounters { stages: stages.filter(|work| work.items > 0).collect() }
+}
+
 /// Bytes of path state that the kernels read and write, from the records of `bindings_path.glsl`
 /// and the items of the queues.
-fn path_state_bytes(scheduler: Scheduler, outcome: &Outcome) -> u64 {
+fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
     let statistics = &outcome.statistics;
     let samples = statistics.sample_count;
     // The radiance that resolve reads.
     let resolved = 16 * samples;
-    match scheduler {
+    match settings.scheduler {
         Scheduler::Megakernel => 16 * samples + resolved,
         Scheduler::Wavefront => {
             // Generate writes origin, direction, throughput, radiance and a queue entry.
@@ -269,10 +314,12 @@ fn path_state_bytes(scheduler: Scheduler, outcome: &Outcome) -> u64 {
             let traced = (4 + 3 * 16 + 4 + 3 * 16) * rays;
             // Shade writes origin, direction, throughput and a queue entry of what goes on.
             let continued = (3 * 16 + 4) * statistics.bounce_rays;
+            // A sort reads queue entry and hit twice, and writes and reads the sorted queue.
+            let sorted = if settings.sort == Sort::None { 0 } else { 2 * (4 + 16) + 4 + 4 } * rays;
             // Shade writes and connect reads a shadow ray of three records; at most all of them
             // reach the light, and then read and write a radiance.
             let shadows = (2 * 3 * 16 + 2 * 16) * statistics.shadow_rays;
-            generated + traced + continued + shadows + resolved
+            generated + traced + sorted + continued + shadows + resolved
         }
     }
 }

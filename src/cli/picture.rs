@@ -4,7 +4,7 @@ use clap::ValueEnum;
 
 use super::open_device;
 use crate::gpu::Device;
-use crate::render::{Scheduler, Settings};
+use crate::render::{MAX_MATERIAL_BRANCHES, Scheduler, Settings, Sort};
 use crate::scene::{Integrator, Scene};
 
 /// Arguments that say what a pixel is, in place of what the scene says.
@@ -46,6 +46,18 @@ pub struct PictureArguments {
     /// Steps of arithmetic added to the shading of each hit; they change speed, not the image
     #[arg(long, value_name = "STEPS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=32_768))]
     shading_cost: u32,
+    /// Branches that the scattering of hits is spread over by triangle, as if the scene had so many BSDFs
+    #[arg(long, value_name = "BRANCHES", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_MATERIAL_BRANCHES)))]
+    materials: u32,
+    /// Order in which the wavefront shades
+    #[arg(long, default_value = "none")]
+    sort: SortName,
+    /// Paths that an invocation of the megakernel follows one after the other; above 1 no path waits for its subgroup's longest
+    #[arg(long, value_name = "PATHS", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    paths_per_invocation: Option<u32>,
+    /// Let the driver fuse and reorder arithmetic: images are no longer equal to the last bit
+    #[arg(long)]
+    fast_math: bool,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -62,6 +74,14 @@ enum SchedulerName {
     Wavefront,
     /// One kernel that follows a path from the camera to its end
     Megakernel,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum SortName {
+    /// As the rays were queued
+    None,
+    /// By kind of surface, or by branch with --materials
+    Material,
 }
 
 impl PictureArguments {
@@ -90,6 +110,13 @@ impl PictureArguments {
             in_flight: self.in_flight,
             workgroup_size: self.workgroup,
             shading_cost: self.shading_cost,
+            material_branches: self.materials,
+            sort: match self.sort {
+                SortName::None => Sort::None,
+                SortName::Material => Sort::Material,
+            },
+            paths_per_invocation: self.paths_per_invocation,
+            fast_math: self.fast_math,
         };
         settings.validate()?;
         Ok(settings)
@@ -114,6 +141,14 @@ pub fn integrator_name(integrator: Integrator) -> &'static str {
     match integrator {
         Integrator::Implicit => "implicit",
         Integrator::Explicit => "explicit",
+    }
+}
+
+/// Name of an order of shading, as the command line has it.
+pub fn sort_name(sort: Sort) -> &'static str {
+    match sort {
+        Sort::None => "none",
+        Sort::Material => "material",
     }
 }
 

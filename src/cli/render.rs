@@ -16,7 +16,7 @@ use crate::render::{Outcome, PreparedScene, Progress, Session, Settings, Statist
 use crate::scene::Scene;
 
 use super::devices::kind_name;
-use super::picture::{PictureArguments, integrator_name, scheduler_name};
+use super::picture::{PictureArguments, integrator_name, scheduler_name, sort_name};
 use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
 
 /// Render a scene to an image
@@ -132,6 +132,10 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "seed": settings.seed,
         "scheduler": scheduler_name(settings.scheduler),
         "shading_cost_steps": settings.shading_cost,
+        "material_branches": settings.material_branches,
+        "sort": sort_name(settings.sort),
+        "paths_per_invocation": statistics.paths_per_invocation,
+        "fast_math": settings.fast_math,
         "paths_in_flight": statistics.paths_in_flight,
         "workgroup_size_invocations": statistics.workgroup_size,
         "bvh": "bvh2",

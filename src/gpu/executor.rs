@@ -12,7 +12,7 @@ use super::device::{Device, Shared};
 use super::error::{Action, GpuError};
 use super::pipeline::{Pipelines, descriptor_type};
 use crate::recording::{Pass, Recording};
-use crate::shaders::{Access, BindingKind, Kernel};
+use crate::shaders::{Access, BindingKind, Edition, Kernel};
 
 /// How kernels see a buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,6 +52,8 @@ pub struct ExecutorDescription<'a> {
     /// How kernels are to reach memory, as far as the device can; without, the way that is
     /// fastest on its kind.
     pub access: Option<Access>,
+    /// Which builds of the kernels to run.
+    pub edition: Edition,
 }
 
 /// Time and launches of a kernel.
@@ -140,8 +142,12 @@ impl Executor {
             return Err(GpuError::OutOfMemory { needed, available: limits.memory_bytes });
         }
 
-        let variant = access.variant_index();
-        let pipelines = Pipelines::new(shared, description.kernels, variant, description.specialization)?;
+        let variants: Vec<_> = description
+            .kernels
+            .iter()
+            .map(|kernel| (kernel.name, kernel.variant(description.edition, access)))
+            .collect();
+        let pipelines = Pipelines::new(shared, &variants, description.specialization)?;
         let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let staging = Buffer::new(shared, "staging", STAGING_BYTES, transfer, MemoryLocation::CpuToGpu)?;
         let mut executor = Self {

@@ -8,7 +8,7 @@ use ash::vk;
 
 use super::device::Shared;
 use super::error::{Action, GpuError};
-use crate::shaders::{Binding, BindingKind, Kernel, Variant};
+use crate::shaders::{Binding, BindingKind, Variant};
 
 /// The kernels of a render: one pipeline each, one layout for all, so that descriptor sets are
 /// bound once.
@@ -32,11 +32,10 @@ struct Built {
 }
 
 impl Pipelines {
-    /// Builds the table's `sources` in the given variant. `specialization[i]` is the constant of id `i`.
+    /// Builds kernels by name. `specialization[i]` is the constant of id `i`.
     pub fn new(
         device: &Arc<Shared>,
-        sources: &[&'static Kernel],
-        variant: usize,
+        kernels: &[(&'static str, &'static Variant)],
         specialization: &[u32],
     ) -> Result<Self, GpuError> {
         let mut pipelines = Self {
@@ -47,17 +46,15 @@ impl Pipelines {
             kernels: BTreeMap::new(),
             device: Arc::clone(device),
         };
-        for kernel in sources {
-            let variant = &kernel.variants[variant];
+        for (_, variant) in kernels {
             pipelines.bindings.extend(variant.bindings.iter().map(|b| ((b.set, b.binding), *b)));
             pipelines.push_constant_size = pipelines.push_constant_size.max(variant.push_constant_size);
         }
         pipelines.make_layout()?;
-        for kernel in sources {
-            let variant = &kernel.variants[variant];
+        for &(name, variant) in kernels {
             let start = Instant::now();
-            let pipeline = pipelines.build(kernel.name, variant, specialization)?;
-            pipelines.kernels.insert(kernel.name, Built { pipeline, variant, time: start.elapsed() });
+            let pipeline = pipelines.build(name, variant, specialization)?;
+            pipelines.kernels.insert(name, Built { pipeline, variant, time: start.elapsed() });
         }
         Ok(pipelines)
     }

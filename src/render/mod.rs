@@ -13,5 +13,5 @@ mod wavefront;
 
 pub use plan::{Plan, PlanError, SampleRange};
 pub use prepare::{Features, PrepareError, PreparedScene};
-pub use session::{Outcome, Progress, RenderError, Session, Statistics, scene_buffers};
-pub use settings::{MAX_SAMPLES, Scheduler, Settings, SettingsError};
+pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
+pub use settings::{MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Scheduler, Settings, SettingsError, Sort};

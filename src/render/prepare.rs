@@ -3,7 +3,8 @@
 use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
-use super::Settings;
+use super::plan::Plan;
+use super::settings::{Settings, Sort};
 use crate::alias::alias_table;
 use crate::bvh::{self, Bvh};
 use crate::constants::*;
@@ -204,12 +205,12 @@ impl PreparedScene {
     }
 
     /// Specialization constants by id.
-    pub fn specialization(&self, settings: &Settings, workgroup_size: u32) -> Vec<u32> {
+    pub fn specialization(&self, settings: &Settings, plan: &Plan) -> Vec<u32> {
         let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
             self.features;
-        let mut constants = vec![0; SPEC_SHADING_COST as usize + 1];
+        let mut constants = vec![0; SPEC_REGENERATES as usize + 1];
         for (id, value) in [
-            (SPEC_WORKGROUP_SIZE, workgroup_size),
+            (SPEC_WORKGROUP_SIZE, plan.workgroup_size),
             (SPEC_STACK_SIZE, self.stack_size()),
             (
                 SPEC_INTEGRATOR,
@@ -229,6 +230,9 @@ impl PreparedScene {
             (SPEC_HAS_LENS, lens.into()),
             (SPEC_HAS_ROULETTE, (settings.roulette > 0.0).into()),
             (SPEC_SHADING_COST, settings.shading_cost),
+            (SPEC_MATERIAL_BRANCHES, settings.material_branches),
+            (SPEC_SORTED, (settings.sort == Sort::Material).into()),
+            (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
         ] {
             constants[id as usize] = value;
         }

@@ -9,14 +9,14 @@ use thiserror::Error;
 
 use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
 use super::prepare::{PrepareError, PreparedScene};
-use super::settings::{Scheduler, Settings};
+use super::settings::{Scheduler, Settings, Sort};
 use super::{megakernel, wavefront};
-use crate::constants::COUNTED_BOUNCES;
+use crate::constants::{COUNTED_BOUNCES, STAGES};
 use crate::film::FilmMoments;
 use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDescription, GpuError, KernelTime};
-use crate::layout::{Control, FilmPixel, Frame, RayCount};
+use crate::layout::{Bins, Control, FilmPixel, Frame, RayCount, WorkCount};
 use crate::recording::Recording;
-use crate::shaders::{self, Access};
+use crate::shaders::{self, Access, Edition};
 
 /// A render that failed.
 #[derive(Debug, Error)]
@@ -87,8 +87,21 @@ pub struct Statistics {
     pub paths_in_flight: u32,
     /// Invocations of a workgroup.
     pub workgroup_size: u32,
+    /// Paths that an invocation of the megakernel followed.
+    pub paths_per_invocation: u32,
     /// Whether scene buffers were read by texels.
     pub texel_fetch: bool,
+    /// Work by bounce and then by `STAGE_*`, of a session that counts; else empty.
+    pub work_counts: Vec<WorkCount>,
+}
+
+/// What a session can be asked for besides the settings of its render.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SessionOptions {
+    /// How kernels reach memory; `None` leaves it to the device.
+    pub access: Option<Access>,
+    /// Whether kernels count their work, which takes time.
+    pub counting: bool,
 }
 
 impl Statistics {
@@ -121,6 +134,7 @@ pub struct Session {
     executor: Executor,
     plan: Plan,
     settings: Settings,
+    counting: bool,
 }
 
 impl Session {
@@ -129,18 +143,18 @@ impl Session {
     /// # Errors
     /// When scene or film are over the device's limits, or the device fails.
     pub fn new(device: &Device, scene: &PreparedScene, settings: &Settings) -> Result<Self, RenderError> {
-        Self::with_access(device, scene, settings, None)
+        Self::with_options(device, scene, settings, SessionOptions::default())
     }
 
-    /// As [`Session::new`], with kernels that reach memory in the given way.
+    /// As [`Session::new`], with options.
     ///
     /// # Errors
     /// As [`Session::new`].
-    pub fn with_access(
+    pub fn with_options(
         device: &Device,
         scene: &PreparedScene,
         settings: &Settings,
-        access: Option<Access>,
+        options: SessionOptions,
     ) -> Result<Self, RenderError> {
         let description = device.description();
         let limits = DeviceLimits {
@@ -149,26 +163,32 @@ impl Session {
             max_storage_buffer_bytes: description.max_storage_buffer_bytes,
             software: description.kind == DeviceKind::Cpu,
         };
-        let plan = Plan::new(settings, &limits)?;
+        let plan = Plan::new(settings, scene.bvh.depth, &limits)?;
         let frame = scene.frame(settings, plan.path_capacity);
-        let names: &[&str] = match settings.scheduler {
-            Scheduler::Wavefront => &wavefront::KERNELS,
-            Scheduler::Megakernel => &megakernel::KERNELS,
+        let names = match settings.scheduler {
+            Scheduler::Wavefront => wavefront::kernels(settings.sort),
+            Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
+        };
+        let edition = match (options.counting, settings.fast_math) {
+            (true, _) => Edition::Counting,
+            (false, true) => Edition::FastMath,
+            (false, false) => Edition::Exact,
         };
         let kernels: Vec<_> = names.iter().map(|name| shaders::kernel(name)).collect();
         let executor = Executor::new(
             device,
             ExecutorDescription {
                 kernels: &kernels,
-                specialization: &scene.specialization(settings, plan.workgroup_size),
+                specialization: &scene.specialization(settings, &plan),
                 buffers: scene_buffers(scene, &frame)
-                    .chain(path_buffers(&plan, scene.stack_bytes(plan.path_capacity)))
-                    .filter(|buffer| kernels.iter().any(|kernel| kernel.binds(buffer.name)))
+                    .chain(path_buffers(&plan, settings.sort, scene.stack_bytes(plan.path_capacity)))
+                    .filter(|buffer| kernels.iter().any(|kernel| kernel.binds(edition, buffer.name)))
                     .collect(),
-                access,
+                access: options.access,
+                edition,
             },
         )?;
-        Ok(Self { executor, plan, settings: *settings })
+        Ok(Self { executor, plan, settings: *settings, counting: options.counting })
     }
 
     /// Time that the driver took to build each kernel, by name.
@@ -218,6 +238,9 @@ impl Session {
     fn clear(&mut self) -> Result<(), GpuError> {
         self.executor.clear("film")?;
         self.executor.clear("ray_counts")?;
+        if self.counting {
+            self.executor.clear("work_counts")?;
+        }
         self.executor.forget_times();
         let mut control: Control = bytemuck::Zeroable::zeroed();
         (control.ray_groups, control.shadow_groups) = ([0, 1, 1], [0, 1, 1]);
@@ -244,7 +267,7 @@ impl Session {
         let mut bounce = 0;
         loop {
             let end = vertices.min(bounce + BOUNCES_AT_ONCE);
-            wavefront::advance(&mut recording, range, bounce..end);
+            wavefront::advance(&mut recording, self.settings.sort, range, bounce..end);
             bounce = end;
             if bounce == vertices {
                 break;
@@ -273,6 +296,10 @@ impl Session {
         }
         let ray_counts = self.ray_counts()?;
         let (bounce_rays, shadow_rays) = scattered_rays(&ray_counts);
+        let work_counts = match self.counting {
+            true => bytemuck::pod_collect_to_vec(&self.executor.read("work_counts")?),
+            false => Vec::new(),
+        };
         let statistics = Statistics {
             samples,
             sample_count,
@@ -287,7 +314,9 @@ impl Session {
             memory_bytes: self.executor.memory_bytes(),
             paths_in_flight: self.plan.path_capacity,
             workgroup_size: self.plan.workgroup_size,
+            paths_per_invocation: self.plan.paths_per_invocation,
             texel_fetch: self.executor.access().texel_fetch,
+            work_counts,
         };
         let pixels: Vec<FilmPixel> = bytemuck::pod_collect_to_vec(&self.executor.read("film")?);
         let total = |value: [f32; 4], compensation: [f32; 4]| {
@@ -337,8 +366,9 @@ pub fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Ite
 }
 
 /// Buffers of the paths in flight and of the film.
-fn path_buffers<'a>(plan: &Plan, stack_bytes: u64) -> impl Iterator<Item = BufferRole<'a>> {
+fn path_buffers<'a>(plan: &Plan, sort: Sort, stack_bytes: u64) -> impl Iterator<Item = BufferRole<'a>> {
     let slots = u64::from(plan.path_capacity);
+    let sorted_slots = if sort == Sort::None { 1 } else { slots };
     let state = |name, size| BufferRole { name, usage: BufferUse::State, size, contents: None };
     [
         state("control", size_of::<Control>() as u64),
@@ -352,6 +382,9 @@ fn path_buffers<'a>(plan: &Plan, stack_bytes: u64) -> impl Iterator<Item = Buffe
         state("shadow_directions", 16 * slots),
         state("shadow_radiances", 16 * slots),
         state("stack_blocks", stack_bytes.max(16)),
+        state("sorted_rays", 4 * sorted_slots),
+        state("bins", size_of::<Bins>() as u64),
+        state("work_counts", u64::from(STAGES * COUNTED_BOUNCES) * size_of::<WorkCount>() as u64),
         state("ray_counts", u64::from(COUNTED_BOUNCES) * size_of::<RayCount>() as u64),
         state("film", u64::from(plan.pixels) * size_of::<FilmPixel>() as u64),
     ]

@@ -3,10 +3,14 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::constants::MATERIAL_BINS;
 use crate::scene::{Integrator, Scene};
 
 /// Most samples of a pixel: the film's sums are tested up to here.
 pub const MAX_SAMPLES: u32 = 1 << 24;
+
+/// Most branches of [`Settings::material_branches`]: each is a bin of the sort, and misses have one.
+pub const MAX_MATERIAL_BRANCHES: u32 = MATERIAL_BINS - 1;
 
 /// Settings that make no sense.
 #[derive(Debug, Error, PartialEq)]
@@ -18,6 +22,8 @@ pub enum SettingsError {
     TooManySamples(u32),
     #[error("roulette {0} is not a probability of stopping; use a number from 0 up to, not including, 1")]
     Roulette(f64),
+    #[error("{0} material branches are asked for; use 1 to {MAX_MATERIAL_BRANCHES}")]
+    MaterialBranches(u32),
     #[error("unbounded paths never end without a roulette; set --roulette above 0, or --max-bounces")]
     Endless,
 }
@@ -48,6 +54,28 @@ pub struct Settings {
     /// Dependent steps of arithmetic added to the shading of each hit, to stand for a costlier
     /// material. They do not change the image.
     pub shading_cost: u32,
+    /// Branches that the scattering of hits is spread over by their triangle, in
+    /// [1, [`MAX_MATERIAL_BRANCHES`]], to stand for a scene of so many BSDFs. They do not change the
+    /// image.
+    pub material_branches: u32,
+    /// The order in which the wavefront shades.
+    pub sort: Sort,
+    /// Paths that an invocation of the megakernel follows one after the other, at least 1. Above 1
+    /// it takes a new path as soon as one has ended, and none waits for its subgroup's longest.
+    /// `None` leaves it to the device.
+    pub paths_per_invocation: Option<u32>,
+    /// Whether the driver may fuse and reorder arithmetic. The image is then no longer the same to
+    /// the last bit between schedulers.
+    pub fast_math: bool,
+}
+
+/// The order in which the wavefront shades.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Sort {
+    /// As the rays were queued.
+    None,
+    /// By what was hit: the kind of surface, or the material branch where there are several.
+    Material,
 }
 
 /// How the work is cut into kernels. The image is the same to the last bit.
@@ -74,6 +102,10 @@ impl Settings {
             in_flight: None,
             workgroup_size: None,
             shading_cost: 0,
+            material_branches: 1,
+            sort: Sort::None,
+            paths_per_invocation: None,
+            fast_math: false,
         }
     }
 
@@ -87,6 +119,9 @@ impl Settings {
         }
         if !(0.0..1.0).contains(&self.roulette) {
             return Err(SettingsError::Roulette(self.roulette));
+        }
+        if !(1..=MAX_MATERIAL_BRANCHES).contains(&self.material_branches) {
+            return Err(SettingsError::MaterialBranches(self.material_branches));
         }
         if self.max_bounces.is_none() && self.roulette == 0.0 {
             return Err(SettingsError::Endless);

@@ -4,11 +4,18 @@ use std::mem::offset_of;
 use std::ops::Range;
 
 use super::plan::{Plan, SampleRange};
+use super::settings::Sort;
 use crate::layout::Control;
 use crate::recording::Recording;
 
 /// Kernels that the recordings name.
-pub const KERNELS: [&str; 6] = ["generate", "extend", "shade", "connect", "prepare_dispatch", "resolve"];
+pub fn kernels(sort: Sort) -> Vec<&'static str> {
+    let sorting: &[&str] = match sort {
+        Sort::None => &[],
+        Sort::Material => &["count_bins", "place_bins", "sort_rays"],
+    };
+    ["generate", "extend", "shade", "connect", "prepare_dispatch", "resolve"].iter().chain(sorting).copied().collect()
+}
 
 /// Starts a batch: a path in every slot.
 pub fn begin(recording: &mut Recording, plan: &Plan, range: SampleRange) {
@@ -18,10 +25,15 @@ pub fn begin(recording: &mut Recording, plan: &Plan, range: SampleRange) {
 }
 
 /// Takes every path through the bounces: find the next vertex, shade it, gather its light.
-pub fn advance(recording: &mut Recording, range: SampleRange, bounces: Range<u32>) {
+pub fn advance(recording: &mut Recording, sort: Sort, range: SampleRange, bounces: Range<u32>) {
     for bounce in bounces {
         let batch = range.at_bounce(bounce);
         recording.dispatch_indirect("extend", offset_of!(Control, ray_groups), batch);
+        if sort == Sort::Material {
+            recording.dispatch_indirect("count_bins", offset_of!(Control, ray_groups), batch);
+            recording.dispatch("place_bins", 1, batch);
+            recording.dispatch_indirect("sort_rays", offset_of!(Control, ray_groups), batch);
+        }
         recording.dispatch_indirect("shade", offset_of!(Control, ray_groups), batch);
         recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
         recording.dispatch_indirect("connect", offset_of!(Control, shadow_groups), batch);

@@ -69,6 +69,24 @@ pub const FACTORS: &[FactorKind] = &[
         meaning: "invocations of a workgroup",
     },
     FactorKind {
+        name: "paths-per-invocation",
+        role: Role::Schedule,
+        levels: Levels::Counts { min: 1, default: &["1", "8", "32"] },
+        meaning: "paths of a megakernel's invocation",
+    },
+    FactorKind {
+        name: "sort",
+        role: Role::Schedule,
+        levels: Levels::Named(&["none", "material"]),
+        meaning: "order of shading",
+    },
+    FactorKind {
+        name: "fast-math",
+        role: Role::Estimator,
+        levels: Levels::Named(&["off", "on"]),
+        meaning: "fused and reordered arithmetic",
+    },
+    FactorKind {
         name: "integrator",
         role: Role::Estimator,
         levels: Levels::Named(&["explicit", "implicit"]),
@@ -79,6 +97,12 @@ pub const FACTORS: &[FactorKind] = &[
         role: Role::Workload,
         levels: Levels::Counts { min: 0, default: &["0", "64", "256", "1k", "4k"] },
         meaning: "added shading steps per hit",
+    },
+    FactorKind {
+        name: "materials",
+        role: Role::Workload,
+        levels: Levels::Counts { min: 1, default: &["1", "2", "4", "8", "16"] },
+        meaning: "branches of scattering",
     },
 ];
 
@@ -316,7 +340,7 @@ impl Design {
             .filter(|(factor, (name, _))| factor.levels.len() > 1 && *name != left_out)
             .map(|(factor, (name, level))| match factor.kind.levels {
                 // A switch's level says nothing by itself.
-                Levels::Named(names) if !names.contains(&"on") => level.to_owned(),
+                Levels::Named(names) if !names.contains(&"on") && !names.contains(&"none") => level.to_owned(),
                 _ => format!("{name} {level}"),
             })
             .collect();

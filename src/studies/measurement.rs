@@ -200,8 +200,6 @@ pub struct BounceRow {
     pub gpu_seconds: f64,
     /// Items in the queue that it worked through.
     pub items: u64,
-    /// Mean share of a subgroup's lanes that had an item, in [0, 1], where it was counted.
-    pub active_lane_share: Option<f64>,
 }
 
 /// How long a pipeline took to build: to be made, and to be launched once without any work, which
@@ -216,27 +214,83 @@ pub struct PipelineBuild {
     pub cached_seconds: Option<f64>,
 }
 
-/// Work of traversal, summed over all rays of a render.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+/// Work of a render, counted by kernels of their own.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct WorkCounters {
-    /// Rays that were counted.
-    pub rays: u64,
-    /// Nodes that they visited.
+    /// By bounce, then by stage; those without items are left out.
+    pub stages: Vec<StageWork>,
+}
+
+/// Work of a stage at one bounce, whichever kernel does it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct StageWork {
+    /// 0 for the camera's rays.
+    pub bounce: u32,
+    /// extend, shade or connect.
+    pub stage: String,
+    /// Rays traced, or vertices shaded.
+    pub items: u64,
+    /// Nodes that the rays visited.
     pub nodes_visited: u64,
     /// Triangles that they were tested against.
     pub triangles_tested: u64,
-    /// Mean share of a subgroup's lanes at work, in [0, 1], where the device can tell.
-    pub active_lane_share: Option<f64>,
+    /// Lanes that subgroups had for their node visits, triangle tests and shadings, at work or not;
+    /// 0 where the device cannot tell.
+    pub lane_steps: u64,
+}
+
+impl StageWork {
+    fn is_tracing(&self) -> bool {
+        self.stage != "shade"
+    }
+
+    /// Node visits and triangle tests, or shadings.
+    fn active_lane_steps(&self) -> u64 {
+        if self.is_tracing() { self.nodes_visited + self.triangles_tested } else { self.items }
+    }
+
+    /// Share of lanes at work, in [0, 1], where the device can tell.
+    pub fn active_lane_share(&self) -> Option<f64> {
+        share(self.active_lane_steps(), self.lane_steps)
+    }
+}
+
+fn share(part: u64, whole: u64) -> Option<f64> {
+    (whole > 0).then(|| part as f64 / whole as f64)
 }
 
 impl WorkCounters {
+    fn per_ray(&self, work: impl Fn(&StageWork) -> u64) -> f64 {
+        let tracing = || self.stages.iter().filter(|stage| stage.is_tracing());
+        tracing().map(work).sum::<u64>() as f64 / tracing().map(|stage| stage.items).sum::<u64>() as f64
+    }
+
     /// Nodes visited per ray; NaN without rays.
     pub fn nodes_per_ray(&self) -> f64 {
-        self.nodes_visited as f64 / self.rays as f64
+        self.per_ray(|stage| stage.nodes_visited)
     }
 
     /// Triangles tested per ray; NaN without rays.
     pub fn triangles_per_ray(&self) -> f64 {
-        self.triangles_tested as f64 / self.rays as f64
+        self.per_ray(|stage| stage.triangles_tested)
+    }
+
+    /// Share of lanes at work over all stages, in [0, 1], where the device can tell.
+    pub fn active_lane_share(&self) -> Option<f64> {
+        let sum = |of: fn(&StageWork) -> u64| self.stages.iter().map(of).sum::<u64>();
+        share(sum(StageWork::active_lane_steps), sum(|stage| stage.lane_steps))
+    }
+
+    /// Work of a stage, summed over the bounces; its own bounce is 0.
+    pub fn over_bounces(&self, stage: &str) -> StageWork {
+        let bounces = || self.stages.iter().filter(|work| work.stage == stage);
+        StageWork {
+            bounce: 0,
+            stage: stage.to_owned(),
+            items: bounces().map(|work| work.items).sum(),
+            nodes_visited: bounces().map(|work| work.nodes_visited).sum(),
+            triangles_tested: bounces().map(|work| work.triangles_tested).sum(),
+            lane_steps: bounces().map(|work| work.lane_steps).sum(),
+        }
     }
 }

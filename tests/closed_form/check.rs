@@ -3,7 +3,7 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{Scheduler, Settings};
+use raywave::render::{Scheduler, Settings, Sort};
 use raywave::scene::Integrator::{self, Explicit, Implicit};
 use raywave::stats::{sidak_level, z_test};
 
@@ -39,6 +39,10 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         in_flight: None,
         workgroup_size: None,
         shading_cost: 0,
+        material_branches: 1,
+        sort: Sort::None,
+        paths_per_invocation: None,
+        fast_math: false,
     }
 }
 

@@ -7,9 +7,9 @@ use glam::{DVec3, Vec3, Vec4};
 use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription};
 use raywave::layout::Batch;
 use raywave::recording::Recording;
-use raywave::render::{PreparedScene, Settings, scene_buffers};
+use raywave::render::{Plan, PreparedScene, Settings, scene_buffers};
 use raywave::scene::{Camera, Environment, Material, Mesh, RenderDefaults, Scene, Surface, Triangle};
-use raywave::shaders::{Access, Binding, BindingKind, Kernel, Variant};
+use raywave::shaders::{Access, Binding, BindingKind, Edition, Kernel, Variant};
 use raywave::stats::SplitMix64;
 
 use super::assert_silent;
@@ -40,6 +40,7 @@ impl Bench {
         let kernel = PROBES.iter().find(|kernel| kernel.name == name).expect("tests name probes that exist");
         let workgroup_size = self.device.description().max_workgroup_size.min(256);
         let items = inputs.len() as u32;
+        let plan = Plan { pixels: items, path_capacity: items, workgroup_size, paths_per_invocation: 1 };
         let frame = self.scene.frame(&self.settings, items);
         let state = |name, size, contents| BufferRole { name, usage: BufferUse::State, size, contents };
         let input_bytes = bytemuck::cast_slice(inputs);
@@ -51,9 +52,10 @@ impl Bench {
         ];
         let description = ExecutorDescription {
             kernels: &[kernel],
-            specialization: &self.scene.specialization(&self.settings, workgroup_size),
+            specialization: &self.scene.specialization(&self.settings, &plan),
             buffers: scene_buffers(&self.scene, &frame).chain(probe_buffers).collect(),
             access: self.access,
+            edition: Edition::Exact,
         };
         let mut executor = Executor::new(&self.device, description).expect("the probe is built");
         let batch = Batch { first_pixel: 0, pixel_count: items, first_sample: 0, sample_count: 1, bounce: 0 };

@@ -8,7 +8,7 @@ use raywave::film::Image;
 use raywave::stats::{Bootstrap, SplitMix64, normal_quantile};
 use raywave::studies::{
     BounceRow, Clock, Configuration, Design, Factor, KernelRow, Measurement, PipelineBuild, Purpose, Rays, Renderer,
-    Rounds, SceneFacts, Study, WorkCounters,
+    Rounds, SceneFacts, StageWork, Study, WorkCounters,
 };
 
 /// What a render is asked for: scene, configuration, purpose, and how many timed ones of this
@@ -82,15 +82,35 @@ impl Renderer for FakeRenderer {
         let wall_seconds = (self.seconds)(&call, &mut self.random);
         Ok(Measurement {
             image: (self.image)(&call, &mut self.random),
-            counters: (purpose == Purpose::Counting).then_some(WorkCounters {
-                rays: 1_000_000,
-                nodes_visited: 23_400_000,
-                triangles_tested: 4_560_000,
-                active_lane_share: Some(0.71),
-            }),
+            counters: (purpose == Purpose::Counting).then(|| work(configuration)),
             ..cost(configuration, purpose, wall_seconds)
         })
     }
+}
+
+/// What a render might have counted: 23.4 nodes and 4.56 triangles a ray.
+fn work(configuration: &Configuration) -> WorkCounters {
+    let share = if configuration.level("scheduler") == Some("megakernel") { 0.48 } else { 0.71 };
+    let stage = |stage: &str, bounce, items: u64, nodes, triangles| {
+        let active = if stage == "shade" { items } else { nodes + triangles };
+        StageWork {
+            bounce,
+            stage: stage.to_owned(),
+            items,
+            nodes_visited: nodes,
+            triangles_tested: triangles,
+            lane_steps: (active as f64 / share) as u64,
+        }
+    };
+    let bounce = |bounce: u32| {
+        let items = 600_000 >> bounce;
+        [
+            stage("extend", bounce, items, 25 * items, 5 * items),
+            stage("shade", bounce, items, 0, 0),
+            stage("connect", bounce, items / 3, 186 * (items / 3) / 10, 324 * (items / 3) / 100),
+        ]
+    };
+    WorkCounters { stages: (0..6).flat_map(bounce).collect() }
 }
 
 /// What a render of that time might have cost.
@@ -132,7 +152,6 @@ fn cost(configuration: &Configuration, purpose: Purpose, wall_seconds: f64) -> M
                     kernel: kernel.to_owned(),
                     gpu_seconds: share * gpu_seconds * alive * 0.29,
                     items: (1_048_576.0 * items) as u64,
-                    active_lane_share: Some(0.5 + 0.4 * alive),
                 });
             }
         }

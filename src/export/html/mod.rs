@@ -19,7 +19,7 @@ use self::table::{Cell, table};
 use super::numbers::{Unit, bytes, grouped, power_of_ten, seconds, significant};
 use super::{Document, plain};
 use crate::film::Image;
-use crate::studies::{Clock, CombinationReport, Measurement, Report, SceneReport, Verdict};
+use crate::studies::{Clock, CombinationReport, Measurement, Report, SceneReport, StageWork, Verdict};
 
 const HEAD: &str = include_str!("head.html");
 const STYLE: &str = include_str!("page.css");
@@ -307,6 +307,9 @@ fn tabs(report: &Report) -> String {
     format!("<div class=\"tabs\" role=\"tablist\" aria-label=\"Scene\">{tabs}</div>\n")
 }
 
+/// Stages whose work is counted.
+const STAGES: [&str; 3] = ["extend", "shade", "connect"];
+
 fn scene_article(number: usize, scene: &SceneReport, colours: &KernelColours, store: &mut Store<'_>) -> String {
     let facts = &scene.facts;
     let mut html = format!(
@@ -346,6 +349,18 @@ fn scene_article(number: usize, scene: &SceneReport, colours: &KernelColours, st
             escape(label),
             bounce_legend(typical, colours),
             plots::bounces(typical, colours)
+        );
+    }
+    let with_lanes = |c: &&CombinationReport| c.counters.as_ref().is_some_and(|c| c.active_lane_share().is_some());
+    let mut counted = timed.iter().copied().filter(with_lanes);
+    if let Some(first) = counted.next() {
+        // One combination that works otherwise is enough: most differ in what lanes do not see.
+        let other = counted.find(|other| other.counters != first.counters);
+        let panels: Vec<_> = [Some(first), other].into_iter().flatten().collect();
+        html += &format!(
+            "<figure><figcaption>Share of lanes at work{}</figcaption>{}</figure>\n",
+            legend(STAGES.map(|stage| (colours.class(stage), stage)).into_iter()),
+            plots::lanes(&panels, colours)
         );
     }
     for crossover in &scene.crossovers {
@@ -454,7 +469,7 @@ fn work(report: &Report) -> String {
             rays(|t| t.rays.shadow),
             Cell::number(counters.map(|c| c.nodes_per_ray()), |v| significant(v, 3)),
             Cell::number(counters.map(|c| c.triangles_per_ray()), |v| significant(v, 3)),
-            Cell::number(counters.and_then(|c| c.active_lane_share), |v| significant(100.0 * v, 3)),
+            Cell::number(counters.and_then(|c| c.active_lane_share()), |v| significant(100.0 * v, 3)),
             some_bytes(typical.map(|t| t.path_state_bytes as f64), ""),
             some_bytes(c.path_state_bytes_per_second(), "/s"),
             some_bytes(typical.map(|t| t.memory_bytes as f64), ""),
@@ -462,9 +477,41 @@ fn work(report: &Report) -> String {
     });
     format!(
         "<section id=\"work\"><h2>Work</h2>\n<p>Nodes, triangles and lanes are counted in a render of their own, never \
-         in a timed one. Path state is what the kernels read and write of it, caches left aside.</p>\n{}</section>\n",
-        table("Work of all combinations", &columns, &rows)
+         in a timed one. Path state is what the kernels read and write of it, caches left aside. Lanes are the share of a \
+         subgroup's lanes that take part in a node visit, a triangle test or a shading.</p>\n{}{}</section>\n",
+        table("Work of all combinations", &columns, &rows),
+        stage_work(report)
     )
+}
+
+/// What each stage did over all bounces, of the combinations that were counted.
+fn stage_work(report: &Report) -> String {
+    let columns = columns(
+        report,
+        &[("stage", ""), ("items", "M"), ("nodes", "per item"), ("triangles", "per item"), ("lanes", "%")],
+    );
+    let rows: Vec<_> = STAGES
+        .iter()
+        .flat_map(|stage| {
+            rows(report, |_, c| {
+                let work = c.counters.as_ref().map(|counters| counters.over_bounces(stage));
+                let work = work.as_ref().filter(|work| work.items > 0);
+                let per_item = |of: fn(&StageWork) -> u64| {
+                    Cell::number(work.map(|w| of(w) as f64 / w.items as f64).filter(|v| *v > 0.0), |v| {
+                        significant(v, 3)
+                    })
+                };
+                vec![
+                    Cell::text(stage),
+                    Cell::number(work.map(|w| w.items as f64), |v| significant(v / 1e6, 3)),
+                    per_item(|w| w.nodes_visited),
+                    per_item(|w| w.triangles_tested),
+                    Cell::number(work.and_then(StageWork::active_lane_share), |v| significant(100.0 * v, 3)),
+                ]
+            })
+        })
+        .collect();
+    table("Work of the stages", &columns, &rows)
 }
 
 fn starts(report: &Report) -> String {

@@ -181,8 +181,7 @@ pub fn bounces(measurement: &Measurement, colours: &KernelColours) -> String {
             |row: &&crate::studies::BounceRow| (x.at(f64::from(row.bounce) + 0.5), y.at(unit.scale(row.items as f64)));
         svg.polyline(&format!("series {class}"), &rows.iter().map(point).collect::<Vec<_>>());
         for row in &rows {
-            let lanes = row.active_lane_share.map_or_else(String::new, |s| format!("; {:.0} % of lanes", 100.0 * s));
-            let tip = format!("{kernel}, bounce {}: {}{lanes}", row.bounce, count(row.items as f64));
+            let tip = format!("{kernel}, bounce {}: {}", row.bounce, count(row.items as f64));
             svg.circle(&class, point(row), 2.5, &tip);
         }
     }
@@ -209,6 +208,36 @@ pub fn bounces(measurement: &Measurement, colours: &KernelColours) -> String {
         }
     }
     svg.finish("Items in the queues and time of the kernels over the bounces")
+}
+
+/// Share of lanes at work over the bounces, a line for each stage, a panel for each of two
+/// combinations at most.
+pub fn lanes(combinations: &[&CombinationReport], colours: &KernelColours) -> String {
+    let (top, bottom, gap) = (22.0, 222.0, 70.0);
+    let panel = (WIDTH - 60.0 - gap - 10.0) / 2.0;
+    let mut svg = Svg::new(WIDTH, bottom + FOOT);
+    for (combination, left) in combinations.iter().zip([60.0, 60.0 + panel + gap]) {
+        let stages = combination.counters.iter().flat_map(|counters| &counters.stages);
+        let last = stages.clone().map(|work| work.bounce).max().unwrap_or(0);
+        let x = bounce_axis(last, left, left + panel);
+        let y = Axis::from_zero(100.0, bottom, top);
+        frame(&mut svg, &x, &y, &format!("Lanes at work, %: {}", combination.label));
+        for stage in ["extend", "shade", "connect"] {
+            let class = colours.class(stage);
+            let points: Vec<_> = stages
+                .clone()
+                .filter(|work| work.stage == stage)
+                .filter_map(|work| Some((work, 100.0 * work.active_lane_share()?)))
+                .map(|(work, share)| (work, share, (x.at(f64::from(work.bounce) + 0.5), y.at(share))))
+                .collect();
+            svg.polyline(&format!("series {class}"), &points.iter().map(|point| point.2).collect::<Vec<_>>());
+            for (work, share, point) in points {
+                let items = count(work.items as f64);
+                svg.circle(&class, point, 2.5, &format!("{stage}, bounce {}: {share:.0} % of {items}", work.bounce));
+            }
+        }
+    }
+    svg.finish("Share of lanes at work over the bounces")
 }
 
 fn bounce_axis(last: u32, start: f64, end: f64) -> Axis {
