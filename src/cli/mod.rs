@@ -6,10 +6,12 @@
 pub mod compare;
 mod devices;
 pub mod diff;
+mod dump_rays;
 mod info;
 mod measure;
 mod picture;
 mod render;
+mod replay;
 
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -41,6 +43,8 @@ enum Command {
     Info(info::InfoArguments),
     Diff(diff::DiffArguments),
     Compare(Box<compare::CompareArguments>),
+    DumpRays(dump_rays::DumpRaysArguments),
+    Replay(replay::ReplayArguments),
     Gallery(GalleryArguments),
 }
 
@@ -82,6 +86,8 @@ pub fn main() -> ExitCode {
             let provenance = Provenance { clocks: arguments.clocks.clone(), ..renderer.sign(compare::provenance()) };
             Ok((Box::new(renderer), provenance))
         }),
+        Command::DumpRays(arguments) => dump_rays::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
         Command::Gallery(GalleryArguments { folder, triangles }) => {
             crate::scene::generate_gallery(&folder, triangles as usize).map_err(Into::into)
         }
@@ -98,7 +104,11 @@ pub fn main() -> ExitCode {
 
 /// 1 where the device failed, 2 where the user can mend it.
 fn exit_code(error: &anyhow::Error) -> ExitCode {
-    let gpu = error.downcast_ref::<GpuError>().or_else(|| match error.downcast_ref::<RenderError>() {
+    let render = error.downcast_ref::<RenderError>();
+    if matches!(render, Some(RenderError::WrongAnswer { .. } | RenderError::Unstable { .. })) {
+        return ExitCode::from(1);
+    }
+    let gpu = error.downcast_ref::<GpuError>().or(match render {
         Some(RenderError::Gpu(gpu)) => Some(gpu),
         _ => None,
     });

@@ -101,10 +101,18 @@ impl PictureArguments {
     /// # Errors
     /// No Vulkan, no such device.
     pub fn open_device(&self) -> anyhow::Result<Device> {
-        let instance = Arc::new(Instance::new(false)?);
-        let description = instance.choose(self.device.as_deref())?;
-        Ok(Device::open(&instance, description)?)
+        open_device(self.device.as_deref())
     }
+}
+
+/// Opens the device of that number or name, or the best one.
+///
+/// # Errors
+/// No Vulkan, no such device.
+pub fn open_device(wanted: Option<&str>) -> anyhow::Result<Device> {
+    let instance = Arc::new(Instance::new(false)?);
+    let description = instance.choose(wanted)?;
+    Ok(Device::open(&instance, description)?)
 }
 
 /// Name of an integrator, as the command line and the scene file have it.
