@@ -37,7 +37,7 @@ pub enum RenderError {
     #[error("there are no {rays} rays at bounce {bounce}{}", of_last(*last))]
     NoRays { rays: &'static str, bounce: u32, last: Option<u32> },
     #[error(
-        "ray {ray} of the dump: {kernel} finds {found} and the CPU {expected}, so its speed means nothing; report this with device and driver"
+        "ray {ray} of the dump: {kernel} finds {found} where the CPU finds {expected}, so its speed means nothing; report this with device and driver"
     )]
     WrongAnswer { ray: u64, kernel: &'static str, found: String, expected: String },
     #[error("ray {ray} of the dump: {kernel} finds {first} and, when run again, {again}; the device cannot be trusted")]
