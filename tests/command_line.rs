@@ -123,6 +123,34 @@ const REFUSED: &[(&str, &str)] = &[
     ("start-up --device abacus", "no device is called or numbered 'abacus'"),
     ("start-up --width 60000 --height 60000", "60000x60000 pixels needs a film of 230400000000 bytes"),
     ("first-sample", "no settings on stdin"),
+    ("dump-rays -o a.rays", "--bounce <B>"),
+    ("dump-rays --bounce 0", "--output <FILE>"),
+    ("dump-rays --bounce -1 -o a.rays", "unexpected argument '-1'"),
+    ("dump-rays --bounce 0 --rays light -o a.rays", "possible values: path, shadow"),
+    ("dump-rays --bounce 0 --order depth -o a.rays", "possible values: slot, queue"),
+    ("dump-rays --bounce 0 --scheduler megakernel -o a.rays", "the megakernel keeps no queues"),
+    ("dump-rays --bounce 9 --width 9 --height 9 -o a.rays", "there are no path rays at bounce 9; there are some up to bounce "),
+    ("dump-rays --bounce 2 --max-bounces 0 -o a.rays", "there are no path rays at bounce 2; there are some at bounce 0"),
+    ("dump-rays --bounce 1 --rays shadow --integrator implicit -o a.rays", "shadow rays at bounce 1, nor before it; they need --integrator explicit"),
+    ("dump-rays missing.toml --bounce 0 -o a.rays", "missing.toml: cannot read"),
+    ("dump-rays --bounce 0 -o nowhere/a.rays", "the folder nowhere is missing"),
+    ("dump-rays --bounce 0 -o folder.png", "it is a folder"),
+    ("replay", "<FILE>"),
+    ("replay missing.rays", "missing.rays: cannot read the rays"),
+    ("replay folder.png", "folder.png: cannot read the rays"),
+    ("replay missing.toml good.rays", "missing.toml: cannot read"),
+    ("replay lamp.mtl", "lamp.mtl: byte 0: this is no ray dump"),
+    ("replay cut.rays", "cut.rays: byte "),
+    ("replay cut.rays", ": the file ends after 80 of 81 rays"),
+    ("replay nan.rays", ": ray 80: direction holds NaN, which is not finite"),
+    ("replay lamp.toml good.rays", "good.rays: byte 15: the rays are of scene cornell-box"),
+    ("replay good.rays --rounds 0", "0 is not in 1..=1000000"),
+    ("replay good.rays --repeat 0", "0 is not in 1..=65536"),
+    ("replay good.rays --workgroup 0", "--workgroup <SIZE>"),
+    ("replay good.rays --in-flight 0", "--in-flight <RAYS>"),
+    ("replay good.rays --device abacus", "no device is called or numbered 'abacus'"),
+    ("replay good.rays --json ./good.rays", "--json would overwrite the rays"),
+    ("replay good.rays --json nowhere/a.json", "the folder nowhere is missing"),
     ("render -o a.png --exposure nan", "--exposure NaN"),
     ("render -o a.png --exposure bright", "invalid float literal"),
     ("render -o a.png --device abacus", "no device is called or numbered 'abacus'; there are: 0 "),
@@ -196,6 +224,14 @@ fn broken_files() -> Folder {
         let whole = fs::read(folder.path(name)).expect("it was just written");
         folder.write(&name.replace("small", "broken"), &whole[..whole.len() / 2]);
     }
+    let size = ["--width", "9", "--height", "9", "--samples", "1", "--quiet"];
+    folder.succeed(&[&["dump-rays", "--bounce", "0", "-o", "good.rays"], &size[..]].concat());
+    let mut rays = fs::read(folder.path("good.rays")).expect("it was just written");
+    let end = rays.len();
+    folder.write("cut.rays", &rays[..end - 1]);
+    rays[end - 8..end - 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    folder.write("nan.rays", rays);
+    folder.scene("lamp", CAMERA, TRIANGLE);
     folder.write("empty.toml", "");
     folder.write("no-mesh.toml", CAMERA);
     for (name, line) in [
@@ -255,7 +291,8 @@ fn what_is_malformed_gives_one_line_and_no_file() {
 fn help_and_version_are_data() {
     let folder = Folder::new();
     assert!(folder.succeed(&["--version"]).starts_with("raywave "));
-    for command in [&[][..], &["render"], &["devices"], &["info"], &["diff"], &["gallery"]] {
+    for command in [&[][..], &["render"], &["devices"], &["info"], &["diff"], &["dump-rays"], &["replay"], &["gallery"]]
+    {
         let help = folder.succeed(&[command, &["--help"]].concat());
         assert!(help.contains("Usage: raywave"), "{help}");
     }
@@ -558,6 +595,64 @@ fn an_image_differs_from_itself_by_nothing() {
     let json: Value =
         serde_json::from_str(&folder.succeed(&["diff", "small.exr", "small.exr", "--json"])).expect("JSON");
     assert_eq!(json["whole"]["max_abs_difference"], 0.0);
+}
+
+#[test]
+fn dumped_rays_are_replayed() {
+    let folder = Folder::new();
+    let dump = |name: &str| {
+        let kind = ["dump-rays", "--bounce", "1", "--rays", "shadow", "--seed", "7", "-o", name];
+        let output = folder.run(&[&kind[..], &TINY[..6]].concat());
+        assert!(output.status.success() && output.stdout.is_empty());
+        let summary = text(&output.stderr);
+        assert!(summary.starts_with(&format!("{name}: ")), "{summary}");
+        assert!(summary.ends_with(" shadow rays of bounce 1; 256 of 256 pixels, 2 samples per pixel\n"), "{summary}");
+        fs::read(folder.path(name)).expect("the rays are written")
+    };
+    assert_eq!(dump("a.rays"), dump("b.rays"));
+
+    let scene = common::project_file("scenes/cornell-box.toml");
+    let scene = scene.to_str().expect("the path is UTF-8");
+    // The built-in scene is that of the file.
+    for scene in [&[scene][..], &[]] {
+        let flags = ["a.rays", "--rounds", "3", "--repeat", "2", "--in-flight", "100", "--json", "a.json"];
+        let lines = folder.succeed(&[&["replay"], scene, &flags[..]].concat());
+        let json = fs::read_to_string(folder.path("a.json")).expect("the report is written");
+        let report: Value = serde_json::from_str(&json).expect("the report is JSON");
+        let dumped = report["dump"]["rays"].as_u64().expect("rays are counted");
+        for row in ["scene", "device", "blocked", "rounds", "range"] {
+            assert!(lines.lines().any(|line| line.starts_with(row)), "{row} in {lines}");
+        }
+        for part in [
+            format!(
+                "rays      {dumped} shadow rays of bounce 1, 2 times over, in {} launches\n",
+                (2 * dumped).div_ceil(100)
+            ),
+            "kernel    connect, ".to_owned(),
+            format!("checked   {dumped} rays, equal to the CPU's to the last bit\n"),
+            " M rays/s, 95 % [".to_owned(),
+        ] {
+            assert!(lines.contains(&part), "{part} in {lines}");
+        }
+        for (key, value) in [
+            ("rays", Value::from(2 * dumped)),
+            ("repeat", 2.into()),
+            ("kernel", "connect".into()),
+            ("checked_rays", dumped.into()),
+            ("rounded_answers", 0.into()),
+            ("device", device().description().name.clone().into()),
+        ] {
+            assert_eq!(report[key], value, "{key}");
+        }
+        for (key, value) in [("class", Value::from("shadow")), ("bounce", 1.into()), ("seed", 7.into())] {
+            assert_eq!(report["dump"][key], value, "{key}");
+        }
+        assert!(report["hit_share"].as_f64().is_some_and(|share| share > 0.0 && share < 1.0), "{json}");
+        assert_eq!(report["seconds"].as_array().map(Vec::len), Some(3));
+        let speed = |key: &str| report["rays_per_second"][key].as_f64().expect("speeds are numbers");
+        let order = ["min", "low", "median", "high", "max"].map(speed);
+        assert!(order[0] > 0.0 && order.is_sorted(), "{json}");
+    }
 }
 
 #[test]

@@ -6,10 +6,12 @@
 pub mod compare;
 mod devices;
 pub mod diff;
+mod dump_rays;
 mod info;
 mod measure;
 mod picture;
 mod render;
+mod replay;
 mod start_up;
 
 use std::io::{ErrorKind, Write};
@@ -45,6 +47,8 @@ enum Command {
     StartUp(start_up::StartUpArguments),
     #[command(hide = true)]
     FirstSample(start_up::FirstSampleArguments),
+    DumpRays(dump_rays::DumpRaysArguments),
+    Replay(replay::ReplayArguments),
     Gallery(GalleryArguments),
 }
 
@@ -88,6 +92,8 @@ pub fn main() -> ExitCode {
         }),
         Command::StartUp(arguments) => start_up::run_command(&arguments),
         Command::FirstSample(arguments) => start_up::first_sample(&arguments),
+        Command::DumpRays(arguments) => dump_rays::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
         Command::Gallery(GalleryArguments { folder, triangles }) => {
             crate::scene::generate_gallery(&folder, triangles as usize).map_err(Into::into)
         }
@@ -107,7 +113,11 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
     if let Some(child) = error.downcast_ref::<start_up::ChildFailed>() {
         return ExitCode::from(child.code);
     }
-    let gpu = error.downcast_ref::<GpuError>().or_else(|| match error.downcast_ref::<RenderError>() {
+    let render = error.downcast_ref::<RenderError>();
+    if matches!(render, Some(RenderError::WrongAnswer { .. } | RenderError::Unstable { .. })) {
+        return ExitCode::from(1);
+    }
+    let gpu = error.downcast_ref::<GpuError>().or(match render {
         Some(RenderError::Gpu(gpu)) => Some(gpu),
         _ => None,
     });

@@ -80,7 +80,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
 }
 
 /// Whether two paths whose folders exist name one file, however they are spelled.
-fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
+pub fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
     let folder = |path: &Path| std::path::absolute(path)?.parent().unwrap_or(path).canonicalize();
     Ok(a.file_name() == b.file_name() && folder(a)? == folder(b)?)
 }

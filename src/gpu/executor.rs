@@ -442,13 +442,17 @@ impl Executor {
                 self.barrier(commands);
             }
             let constants = bytemuck::bytes_of(batch);
-            assert_eq!(constants.len() as u32, self.pipelines.push_constant_size, "{kernel} takes a batch");
+            let takes = self.pipelines.push_constant_size;
+            assert!(takes == 0 || takes == constants.len() as u32, "{kernel} takes a batch or nothing");
             kernels.push((*kernel, batch.bounce));
             // SAFETY: the pipeline belongs to the layout that is bound; indirect arguments lie in
             // `control`, which has indirect usage; the query index is within the pool.
             unsafe {
                 device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline);
-                device.cmd_push_constants(commands, self.pipelines.layout, vk::ShaderStageFlags::COMPUTE, 0, constants);
+                if takes > 0 {
+                    let stages = vk::ShaderStageFlags::COMPUTE;
+                    device.cmd_push_constants(commands, self.pipelines.layout, stages, 0, constants);
+                }
                 match pass {
                     Pass::Dispatch { groups, .. } => device.cmd_dispatch(commands, *groups, 1, 1),
                     Pass::DispatchIndirect { arguments, .. } => {

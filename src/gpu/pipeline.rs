@@ -18,6 +18,7 @@ pub(super) struct Pipelines {
     pub set_layouts: Vec<vk::DescriptorSetLayout>,
     /// Union of the kernels' bindings, by set and binding.
     pub bindings: BTreeMap<(u32, u32), Binding>,
+    /// The most that a kernel declares; 0 where none does.
     pub push_constant_size: u32,
     kernels: BTreeMap<&'static str, Built>,
     device: Arc<Shared>,
@@ -103,8 +104,10 @@ impl Pipelines {
                 .during("making a descriptor set layout")?;
             self.set_layouts.push(layout);
         }
-        let ranges =
-            [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(self.push_constant_size)];
+        let range =
+            vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(self.push_constant_size);
+        // Where no kernel reads any, there is no range: an empty one is not allowed.
+        let ranges: Vec<_> = (self.push_constant_size > 0).then_some(range).into_iter().collect();
         let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&self.set_layouts).push_constant_ranges(&ranges);
         // SAFETY: the set layouts are alive.
         self.layout =
