@@ -315,6 +315,24 @@ fn batches_do_not_change_the_image() {
 }
 
 #[test]
+fn schedulers_write_the_same_pixels() {
+    let folder = Folder::new();
+    let render = |name: &str, flags: &[&str]| {
+        folder.succeed(&[&["render", "-o", name], &TINY[..], flags].concat());
+    };
+    render("wavefront.exr", &["--scheduler", "wavefront", "--in-flight", "100"]);
+    render("megakernel.exr", &["--scheduler", "megakernel", "--in-flight", "333", "--workgroup", "64"]);
+    render("seed.exr", &["--seed", "1"]);
+    let identical = |other| {
+        let report = folder.succeed(&["diff", "wavefront.exr", other]);
+        let line = report.lines().find_map(|line| line.strip_prefix("identical_pixels"));
+        line.unwrap_or_else(|| panic!("no identical pixels in {report}")).trim().to_owned()
+    };
+    assert_eq!(identical("megakernel.exr"), "256 of 256, to the last bit");
+    assert_ne!(identical("seed.exr"), "256 of 256, to the last bit");
+}
+
+#[test]
 fn one_pixel_takes_every_sample() {
     // lavapipe leaves a loop after 65 535 rounds: samples went missing from a large batch.
     let folder = Folder::new();
