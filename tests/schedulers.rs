@@ -95,18 +95,6 @@ fn schedulers_batches_and_workgroups_leave_no_trace() {
 }
 
 #[test]
-fn a_shading_cost_is_paid_in_time_alone() {
-    let device = device();
-    let scene = own_scene("cornell-phong");
-    let render = |scheduler, shading_cost| {
-        Render::new(&device, &scene, Settings { scheduler, shading_cost, ..Settings::of(&scene) })
-    };
-    let reference = render(Scheduler::Wavefront, 0);
-    assert!(reference == render(Scheduler::Wavefront, 100));
-    assert!(reference == render(Scheduler::Megakernel, 100));
-}
-
-#[test]
 fn loops_that_the_driver_cuts_are_told() {
     let device = device();
     if !device.description().driver.contains("Mesa") {

@@ -395,7 +395,9 @@ impl Executor {
                 unsafe {
                     device.cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[]);
                     device.cmd_bind_pipeline(commands, point, pipeline);
-                    device.cmd_push_constants(commands, layout, vk::ShaderStageFlags::COMPUTE, 0, &constants);
+                    if !constants.is_empty() {
+                        device.cmd_push_constants(commands, layout, vk::ShaderStageFlags::COMPUTE, 0, &constants);
+                    }
                     device.cmd_dispatch(commands, 0, 1, 1);
                 }
             })?;
