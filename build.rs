@@ -44,6 +44,9 @@ const PROBES: &str = "tests/shaders";
 
 fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
+    let version = process::Command::new(env::var_os("RUSTC").expect("cargo sets RUSTC")).arg("--version").output();
+    let version = version.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned());
+    println!("cargo::rustc-env=RAYWAVE_RUSTC_VERSION={}", version.unwrap_or_default());
     for source in ["shaders", PROBES, "src/constants.rs"] {
         println!("cargo::rerun-if-changed={source}");
     }

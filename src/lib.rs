@@ -13,6 +13,7 @@ pub mod export;
 pub mod film;
 pub mod gpu;
 pub mod layout;
+pub mod rays;
 pub mod recording;
 pub mod render;
 pub mod scene;

@@ -6,8 +6,10 @@ use common::meshes::{ball, cuboid, soup};
 use common::probe::Uniform;
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
-use raywave::bvh::{Bvh, Ray, trace_any, trace_closest};
-use raywave::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES, NO_TRIANGLE};
+use raywave::bvh::{Bvh, BvhKind, Ray, trace_any, trace_closest};
+use raywave::constants::{
+    LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES, NO_TRIANGLE, WIDE_INNER_BIT, WIDE_LEAF_TRIANGLES,
+};
 use raywave::layout::Triangle;
 
 type Corners = [Vec3; 3];
@@ -22,12 +24,13 @@ fn triangles_of(bvh: &Bvh, corners: &[Corners]) -> Vec<Triangle> {
 
 /// Checks everything that the kernels rely on.
 fn validate(corners: &[Corners]) -> Bvh {
-    let bvh = Bvh::build(corners);
+    let bvh = Bvh::build(BvhKind::Bvh2, corners);
     let mut order = bvh.order.clone();
     order.sort_unstable();
     assert!(order.iter().copied().eq(0..corners.len() as u32), "every triangle is in the order once");
 
-    let mut visited = vec![false; bvh.nodes.len()];
+    let nodes = bvh.binary_nodes();
+    let mut visited = vec![false; nodes.len()];
     let mut held = vec![0; corners.len()];
     let (mut depth, mut leaves) = (0, 0);
     // (node, inner nodes down to it, the box that its parent gives it)
@@ -35,7 +38,7 @@ fn validate(corners: &[Corners]) -> Bvh {
     while let Some((index, level, [low, high])) = open.pop() {
         assert!(!std::mem::replace(&mut visited[index as usize], true), "a node has one parent");
         depth = depth.max(level);
-        let node = &bvh.nodes[index as usize];
+        let node = &nodes[index as usize];
         for (child_low, child_high, child) in
             [(node.left_low, node.left_high, node.left), (node.right_low, node.right_high, node.right)]
         {
@@ -56,6 +59,65 @@ fn validate(corners: &[Corners]) -> Bvh {
                 }
             }
         }
+    }
+    assert!(visited.iter().all(|&visited| visited), "every node is reached");
+    assert!(held.iter().all(|&count| count == 1), "every triangle is in one leaf");
+    assert_eq!((bvh.depth, bvh.leaf_count), (depth, leaves));
+    assert!(bvh.sah_cost.is_finite());
+    bvh
+}
+
+/// Checks a wide tree: that boxes, put back from their eight bits in exact arithmetic, hold what is
+/// under them, and that each node and triangle is reached once.
+fn validate_wide(kind: BvhKind, corners: &[Corners]) -> Bvh {
+    let bvh = Bvh::build(kind, corners);
+    let mut visited = vec![false; bvh.node_count()];
+    let mut held = vec![0; corners.len()];
+    let (mut depth, mut leaves) = (0, 0);
+    // A node, its level, and the boxes of all nodes above it.
+    let mut open = vec![(0_u32, 1, Vec::<[DVec3; 2]>::new())];
+    while let Some((index, level, above)) = open.pop() {
+        assert!(!std::mem::replace(&mut visited[index as usize], true), "a node has one parent");
+        depth = depth.max(level);
+        let texels = kind.node_texels();
+        let words = bvh.texels[index as usize * texels..][..texels].as_flattened();
+        let float = |word: u32| f64::from(f32::from_bits(word));
+        let origin = DVec3::from_array(std::array::from_fn(|axis| float(words[axis])));
+        let step = DVec3::from_array(std::array::from_fn(|axis| float((words[3] >> (8 * axis) & 0xff) << 23)));
+        let mut inner = 0;
+        for child in 0..kind.width() as usize {
+            let byte = |word: usize| words[word].to_le_bytes()[child % 4];
+            let meta = u32::from(byte(6 + child / 4));
+            if meta == 0 {
+                continue;
+            }
+            let plane = |high: usize| {
+                let steps = |axis| f64::from(byte(8 + 6 * (child / 4) + 2 * axis + high));
+                origin + step * DVec3::from_array(std::array::from_fn(steps))
+            };
+            let mut boxes = above.clone();
+            boxes.push([plane(0), plane(1)]);
+            let place = meta & 0x1f;
+            if place >= WIDE_INNER_BIT {
+                assert_eq!(meta >> 5, 1, "an inner child is one bit");
+                assert!(words[4] & 1 << (place - WIDE_INNER_BIT) != 0, "the node knows its inner octants");
+                let before = (words[4] & 0xff & ((1 << (place - WIDE_INNER_BIT)) - 1)).count_ones();
+                open.push(((words[4] >> 8) + before, level + 1, boxes));
+                inner += 1;
+                continue;
+            }
+            leaves += 1;
+            let count = (meta >> 5).trailing_ones();
+            assert!((1..=WIDE_LEAF_TRIANGLES).contains(&count) && meta >> 5 == (1 << count) - 1);
+            for position in words[5] + place..words[5] + place + count {
+                held[position as usize] += 1;
+                for v in corners[bvh.order[position as usize] as usize].map(|v| v.as_dvec3()) {
+                    let holds = |[low, high]: &[DVec3; 2]| v.cmpge(*low).all() && v.cmple(*high).all();
+                    assert!(boxes.iter().all(holds), "a box holds its triangles");
+                }
+            }
+        }
+        assert_eq!((words[4] & 0xff).count_ones(), inner);
     }
     assert!(visited.iter().all(|&visited| visited), "every node is reached");
     assert!(held.iter().all(|&count| count == 1), "every triangle is in one leaf");
@@ -88,6 +150,9 @@ fn check(mesh: &[[DVec3; 3]]) -> Bvh {
     let corners: Vec<Corners> = mesh.iter().map(|t| t.map(|v| v.as_vec3())).collect();
     let bvh = validate(&corners);
     triangles_are_found(&bvh, &corners);
+    for kind in [BvhKind::Bvh4, BvhKind::Cwbvh] {
+        triangles_are_found(&validate_wide(kind, &corners), &corners);
+    }
     bvh
 }
 
@@ -103,7 +168,7 @@ fn bodies_and_soups_make_valid_trees() {
 #[test]
 fn a_single_triangle_is_a_tree() {
     let bvh = check(&[[DVec3::ZERO, DVec3::X, DVec3::Y]]);
-    assert_eq!((bvh.nodes.len(), bvh.depth, bvh.leaf_count), (1, 1, 1));
+    assert_eq!((bvh.node_count(), bvh.depth, bvh.leaf_count), (1, 1, 1));
 }
 
 #[test]

@@ -118,6 +118,39 @@ const REFUSED: &[(&str, &str)] = &[
     ("compare --until 3%% --html page.html", "--until <SHARE>"),
     ("compare --html missing/page.html", "missing"),
     ("compare missing.toml --rounds 1", "missing.toml"),
+    ("start-up --rounds 0", "--rounds <N>"),
+    ("start-up missing.toml", "missing.toml: cannot read"),
+    ("start-up --device abacus", "no device is called or numbered 'abacus'"),
+    ("start-up --width 60000 --height 60000", "60000x60000 pixels needs a film of 230400000000 bytes"),
+    ("first-sample", "no settings on stdin"),
+    ("dump-rays -o a.rays", "--bounce <B>"),
+    ("dump-rays --bounce 0", "--output <FILE>"),
+    ("dump-rays --bounce -1 -o a.rays", "unexpected argument '-1'"),
+    ("dump-rays --bounce 0 --rays light -o a.rays", "possible values: path, shadow"),
+    ("dump-rays --bounce 0 --order depth -o a.rays", "possible values: slot, queue"),
+    ("dump-rays --bounce 0 --scheduler megakernel -o a.rays", "the megakernel keeps no queues"),
+    ("dump-rays --bounce 9 --width 9 --height 9 -o a.rays", "there are no path rays at bounce 9; there are some up to bounce "),
+    ("dump-rays --bounce 2 --max-bounces 0 -o a.rays", "there are no path rays at bounce 2; there are some at bounce 0"),
+    ("dump-rays --bounce 1 --rays shadow --integrator implicit -o a.rays", "shadow rays at bounce 1, nor before it; they need --integrator explicit"),
+    ("dump-rays missing.toml --bounce 0 -o a.rays", "missing.toml: cannot read"),
+    ("dump-rays --bounce 0 -o nowhere/a.rays", "the folder nowhere is missing"),
+    ("dump-rays --bounce 0 -o folder.png", "it is a folder"),
+    ("replay", "<FILE>"),
+    ("replay missing.rays", "missing.rays: cannot read the rays"),
+    ("replay folder.png", "folder.png: cannot read the rays"),
+    ("replay missing.toml good.rays", "missing.toml: cannot read"),
+    ("replay lamp.mtl", "lamp.mtl: byte 0: this is no ray dump"),
+    ("replay cut.rays", "cut.rays: byte "),
+    ("replay cut.rays", ": the file ends after 80 of 81 rays"),
+    ("replay nan.rays", ": ray 80: direction holds NaN, which is not finite"),
+    ("replay lamp.toml good.rays", "good.rays: byte 15: the rays are of scene cornell-box"),
+    ("replay good.rays --rounds 0", "0 is not in 1..=1000000"),
+    ("replay good.rays --repeat 0", "0 is not in 1..=65536"),
+    ("replay good.rays --workgroup 0", "--workgroup <SIZE>"),
+    ("replay good.rays --in-flight 0", "--in-flight <RAYS>"),
+    ("replay good.rays --device abacus", "no device is called or numbered 'abacus'"),
+    ("replay good.rays --json ./good.rays", "--json would overwrite the rays"),
+    ("replay good.rays --json nowhere/a.json", "the folder nowhere is missing"),
     ("render -o a.png --exposure nan", "--exposure NaN"),
     ("render -o a.png --exposure bright", "invalid float literal"),
     ("render -o a.png --device abacus", "no device is called or numbered 'abacus'; there are: 0 "),
@@ -191,6 +224,14 @@ fn broken_files() -> Folder {
         let whole = fs::read(folder.path(name)).expect("it was just written");
         folder.write(&name.replace("small", "broken"), &whole[..whole.len() / 2]);
     }
+    let size = ["--width", "9", "--height", "9", "--samples", "1", "--quiet"];
+    folder.succeed(&[&["dump-rays", "--bounce", "0", "-o", "good.rays"], &size[..]].concat());
+    let mut rays = fs::read(folder.path("good.rays")).expect("it was just written");
+    let end = rays.len();
+    folder.write("cut.rays", &rays[..end - 1]);
+    rays[end - 8..end - 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    folder.write("nan.rays", rays);
+    folder.scene("lamp", CAMERA, TRIANGLE);
     folder.write("empty.toml", "");
     folder.write("no-mesh.toml", CAMERA);
     for (name, line) in [
@@ -250,7 +291,8 @@ fn what_is_malformed_gives_one_line_and_no_file() {
 fn help_and_version_are_data() {
     let folder = Folder::new();
     assert!(folder.succeed(&["--version"]).starts_with("raywave "));
-    for command in [&[][..], &["render"], &["devices"], &["info"], &["diff"], &["gallery"]] {
+    for command in [&[][..], &["render"], &["devices"], &["info"], &["diff"], &["dump-rays"], &["replay"], &["gallery"]]
+    {
         let help = folder.succeed(&[command, &["--help"]].concat());
         assert!(help.contains("Usage: raywave"), "{help}");
     }
@@ -270,6 +312,24 @@ fn batches_do_not_change_the_image() {
     for paths in ["1", "100", "256", "300"] {
         assert_eq!(bytes(paths), whole, "{paths} paths in flight");
     }
+}
+
+#[test]
+fn schedulers_write_the_same_pixels() {
+    let folder = Folder::new();
+    let render = |name: &str, flags: &[&str]| {
+        folder.succeed(&[&["render", "-o", name], &TINY[..], flags].concat());
+    };
+    render("wavefront.exr", &["--scheduler", "wavefront", "--in-flight", "100"]);
+    render("megakernel.exr", &["--scheduler", "megakernel", "--in-flight", "333", "--workgroup", "64"]);
+    render("seed.exr", &["--seed", "1"]);
+    let identical = |other| {
+        let report = folder.succeed(&["diff", "wavefront.exr", other]);
+        let line = report.lines().find_map(|line| line.strip_prefix("identical_pixels"));
+        line.unwrap_or_else(|| panic!("no identical pixels in {report}")).trim().to_owned()
+    };
+    assert_eq!(identical("megakernel.exr"), "256 of 256, to the last bit");
+    assert_ne!(identical("seed.exr"), "256 of 256, to the last bit");
 }
 
 #[test]
@@ -345,7 +405,15 @@ fn statistics_and_metadata_hold_every_setting() {
     ] {
         assert_eq!(settings[key], value, "{key}");
     }
-    for key in ["raywave_version", "scheduler", "bvh", "driver", "vulkan_version", "workgroup_size_invocations"] {
+    for key in [
+        "raywave_version",
+        "rustc_version",
+        "scheduler",
+        "bvh",
+        "driver",
+        "vulkan_version",
+        "workgroup_size_invocations",
+    ] {
         assert!(settings.contains_key(key), "{key} in {json}");
     }
 
@@ -354,6 +422,131 @@ fn statistics_and_metadata_hold_every_setting() {
     let as_text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     let in_json = settings.iter().map(|(key, value)| (format!("raywave.{key}"), as_text(value))).collect();
     assert_eq!(in_image, in_json);
+}
+
+/// A picture that no default is like, without `--quiet`.
+const ODD: [&str; 12] = [
+    "--width",
+    "16",
+    "--height",
+    "8",
+    "--scheduler",
+    "megakernel",
+    "--workgroup",
+    "64",
+    "--in-flight",
+    "100",
+    "--seed",
+    "7",
+];
+
+#[test]
+fn start_up_is_that_of_the_picture_that_is_asked_for() {
+    let folder = Folder::new();
+    let output = folder.succeed(&[&["start-up", "--rounds", "2", "--json"], &ODD[..]].concat());
+    let json: Value = serde_json::from_str(&output).expect("it is JSON");
+    for (key, value) in [
+        ("width_pixels", Value::from(16)),
+        ("height_pixels", 8.into()),
+        ("samples_per_pixel", 1.into()),
+        ("scheduler", "megakernel".into()),
+        ("workgroup_size_invocations", 64.into()),
+        ("paths_in_flight", 100.into()),
+        ("seed", 7.into()),
+        ("scene_hash", Scene::cornell_box().hash.into()),
+        ("device", device().description().name.clone().into()),
+    ] {
+        assert_eq!(json["settings"][key], value, "{key}");
+    }
+    let is_estimate = |value: &Value| {
+        let [low, middle, high] = ["low", "value", "high"].map(|key| value[key].as_f64().expect("it was measured"));
+        0.0 < low && low <= middle && middle <= high
+    };
+    let pipelines = json["pipelines"].as_array().expect("a list");
+    let kernels: Vec<_> = pipelines.iter().map(|pipeline| pipeline["kernel"].as_str().expect("a name")).collect();
+    assert_eq!(kernels, ["megakernel", "prepare_dispatch", "resolve"]);
+    for times in pipelines.iter().chain([&json["start_up"], &json["all_pipelines"]]) {
+        for key in ["cold_seconds", "cached_seconds"] {
+            assert!(is_estimate(&times[key]), "{key} in {times}");
+        }
+    }
+    for (key, start_up) in [("cold_seconds", &json["start_up"]), ("cached_seconds", &json["start_up"])] {
+        let runs: Vec<_> = json["runs"][key].as_array().expect("a list").iter().filter_map(Value::as_f64).collect();
+        let middle = start_up[key]["value"].as_f64().expect("a number");
+        assert_eq!(runs.len(), 2);
+        assert!((runs.iter().sum::<f64>() / 2.0 - middle).abs() < 1e-9, "{runs:?} have the median {middle}");
+        // A process is longer than the parts of it that it tells of.
+        assert!(middle > json["all_pipelines"][key]["value"].as_f64().expect("a number"), "{key}");
+    }
+}
+
+#[test]
+fn start_up_leaves_no_file() {
+    let folder = Folder::new();
+    folder.scene("lamp", CAMERA, "v -1 -1 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n");
+    let before = folder.files();
+    let home = folder.0.path().as_os_str();
+    let output = folder
+        .command(&["start-up", "lamp.toml", "--rounds", "1", "--width", "8", "--height", "8"])
+        .envs([("HOME", home), ("XDG_CACHE_HOME", home), ("MESA_SHADER_CACHE_DIR", home)])
+        .output()
+        .expect("the program starts");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert_eq!(folder.files(), before);
+    let table = text(&output.stdout);
+    for row in ["lamp, 8x8, wavefront, on ", "start-up ", "pipelines ", "  generate ", "  extend ", "  resolve "] {
+        assert!(table.lines().any(|line| line.starts_with(row)), "{row} in {table}");
+    }
+}
+
+#[test]
+fn a_comparison_tells_of_start_up_and_of_shared_settings() {
+    let folder = Folder::new();
+    let compare = ["compare", "--vary", "scheduler", "--rounds", "1", "--start-ups", "1", "--seed", "7"];
+    let compare = |more: &[&str], temporary: Option<&Path>| {
+        let arguments = [&compare, &TINY[..6], &["--json", "study.json", "--csv", "study.csv"], more].concat();
+        let mut command = folder.command(&arguments);
+        command.envs(temporary.map(|path| ("TMPDIR", path)));
+        let output = command.output().expect("the program starts");
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let file = fs::read(folder.path("study.json")).expect("the study is written");
+        let json: Value = serde_json::from_slice(&file).expect("it is JSON");
+        (json, text(&output.stdout), text(&output.stderr))
+    };
+    let firsts = |json: &Value| {
+        let combinations = json["scenes"][0]["combinations"].as_array().expect("a list").clone();
+        combinations.into_iter().map(|combination| combination["first"].clone()).collect::<Vec<_>>()
+    };
+
+    let (json, markdown, warnings) = compare(&[], None);
+    assert!(!warnings.contains("start-up"), "{warnings}");
+    assert!(markdown.contains("| start-up |"), "{markdown}");
+    let shared = json["provenance"]["settings"].as_object().expect("settings are told");
+    assert_eq!((&shared["seed"], &shared["max_bounces"], &shared["width_pixels"]), (&7.into(), &8.into(), &16.into()));
+    assert!(!shared.contains_key("scheduler"), "it is varied");
+    assert!(json["provenance"]["rustc_version"].as_str().is_some_and(|version| version.starts_with("rustc ")));
+    for (first, (scheduler, kernels)) in firsts(&json).iter().zip([("wavefront", 6), ("megakernel", 3)]) {
+        assert_eq!(first["settings"]["scheduler"], scheduler);
+        let pipelines = first["pipelines"].as_array().expect("a list");
+        assert_eq!(pipelines.len(), kernels, "{scheduler}");
+        for key in ["cold_seconds", "cached_seconds"] {
+            assert!(pipelines.iter().all(|pipeline| pipeline[key].as_f64().is_some_and(|s| s > 0.0)), "{pipelines:?}");
+        }
+        for key in ["cold_start_up_seconds", "cached_start_up_seconds"] {
+            assert!(first[key].as_f64().is_some_and(|seconds| seconds > 0.0), "{key}");
+        }
+    }
+
+    // Where no process can be started, the study goes on without.
+    let (json, markdown, warnings) = compare(&[], Some(&folder.path("nowhere")));
+    assert_eq!(warnings.matches("warning: start-up and compile times are not measured").count(), 1, "{warnings}");
+    assert!(!markdown.contains("| start-up |"), "{markdown}");
+    for first in firsts(&json) {
+        assert_eq!((&first["cold_start_up_seconds"], &first["cached_start_up_seconds"]), (&Value::Null, &Value::Null));
+        assert_eq!(first["pipelines"], Value::Array(Vec::new()));
+    }
+    let csv = fs::read_to_string(folder.path("study.csv")).expect("the study is written");
+    assert!(csv.lines().skip(1).all(|line| line.contains(",,,,")), "{csv}");
 }
 
 #[test]
@@ -420,6 +613,64 @@ fn an_image_differs_from_itself_by_nothing() {
     let json: Value =
         serde_json::from_str(&folder.succeed(&["diff", "small.exr", "small.exr", "--json"])).expect("JSON");
     assert_eq!(json["whole"]["max_abs_difference"], 0.0);
+}
+
+#[test]
+fn dumped_rays_are_replayed() {
+    let folder = Folder::new();
+    let dump = |name: &str| {
+        let kind = ["dump-rays", "--bounce", "1", "--rays", "shadow", "--seed", "7", "-o", name];
+        let output = folder.run(&[&kind[..], &TINY[..6]].concat());
+        assert!(output.status.success() && output.stdout.is_empty());
+        let summary = text(&output.stderr);
+        assert!(summary.starts_with(&format!("{name}: ")), "{summary}");
+        assert!(summary.ends_with(" shadow rays of bounce 1; 256 of 256 pixels, 2 samples per pixel\n"), "{summary}");
+        fs::read(folder.path(name)).expect("the rays are written")
+    };
+    assert_eq!(dump("a.rays"), dump("b.rays"));
+
+    let scene = common::project_file("scenes/cornell-box.toml");
+    let scene = scene.to_str().expect("the path is UTF-8");
+    // The built-in scene is that of the file.
+    for scene in [&[scene][..], &[]] {
+        let flags = ["a.rays", "--rounds", "3", "--repeat", "2", "--in-flight", "100", "--json", "a.json"];
+        let lines = folder.succeed(&[&["replay"], scene, &flags[..]].concat());
+        let json = fs::read_to_string(folder.path("a.json")).expect("the report is written");
+        let report: Value = serde_json::from_str(&json).expect("the report is JSON");
+        let dumped = report["dump"]["rays"].as_u64().expect("rays are counted");
+        for row in ["scene", "device", "blocked", "rounds", "range"] {
+            assert!(lines.lines().any(|line| line.starts_with(row)), "{row} in {lines}");
+        }
+        for part in [
+            format!(
+                "rays      {dumped} shadow rays of bounce 1, 2 times over, in {} launches\n",
+                (2 * dumped).div_ceil(100)
+            ),
+            "kernel    connect, ".to_owned(),
+            format!("checked   {dumped} rays, equal to the CPU's to the last bit\n"),
+            " M rays/s, 95 % [".to_owned(),
+        ] {
+            assert!(lines.contains(&part), "{part} in {lines}");
+        }
+        for (key, value) in [
+            ("rays", Value::from(2 * dumped)),
+            ("repeat", 2.into()),
+            ("kernel", "connect".into()),
+            ("checked_rays", dumped.into()),
+            ("rounded_answers", 0.into()),
+            ("device", device().description().name.clone().into()),
+        ] {
+            assert_eq!(report[key], value, "{key}");
+        }
+        for (key, value) in [("class", Value::from("shadow")), ("bounce", 1.into()), ("seed", 7.into())] {
+            assert_eq!(report["dump"][key], value, "{key}");
+        }
+        assert!(report["hit_share"].as_f64().is_some_and(|share| share > 0.0 && share < 1.0), "{json}");
+        assert_eq!(report["seconds"].as_array().map(Vec::len), Some(3));
+        let speed = |key: &str| report["rays_per_second"][key].as_f64().expect("speeds are numbers");
+        let order = ["min", "low", "median", "high", "max"].map(speed);
+        assert!(order[0] > 0.0 && order.is_sorted(), "{json}");
+    }
 }
 
 #[test]

@@ -139,7 +139,12 @@ fn first_renders_are_reported_apart_and_counted_ones_are_not_timed() {
     for combination in &report.scenes[0].combinations {
         let first = combination.first.as_ref().expect("there was a first render");
         assert_eq!(first.wall_seconds, 10.0);
-        assert!(!first.pipelines.is_empty() && first.start_up_seconds > 0.0);
+        let kernels = first.kernels.len() as f64;
+        for (cached, each) in [(false, 0.04), (true, 0.002)] {
+            let all = first.pipeline_seconds(cached).expect("they were told");
+            assert!((all - kernels * each).abs() < 1e-12 && all > 0.0, "{all} of {kernels} kernels");
+        }
+        assert_eq!((first.cold_start_up_seconds, first.cached_start_up_seconds), (Some(0.61), Some(0.29)));
         let seconds = combination.seconds.expect("it was timed");
         assert_eq!((seconds.low, seconds.value, seconds.high), (1.0, 1.0, 1.0));
         assert_eq!(combination.runs.len(), 6);
@@ -312,6 +317,19 @@ fn other_work_is_compared_with_a_baseline_of_its_own() {
     let [crossing] = &crossover.crossings[..] else { panic!("one crossing") };
     assert!((crossing.cost.value - 100.0).abs() < 1e-9, "1 + K/100 = 1.5 + K/200 at K = 100: {crossing:?}");
     assert_eq!((crossing.direction, crossing.support), (CrossingDirection::AFasterBeyond, 1.0));
+}
+
+#[test]
+fn shared_settings_are_those_that_all_renders_had() {
+    let keys = |vary: &str| {
+        let report = run(&study(&[vary], 1), &mut FakeRenderer::new(|_, _| 1.0));
+        report.shared_settings().keys().cloned().collect::<Vec<_>>()
+    };
+    assert_eq!(keys("scheduler,in-flight=16k"), ["in-flight", "max_bounces"]);
+    assert_eq!(keys("scheduler,in-flight=16k,64k"), ["max_bounces"]);
+    let mut broken_off = FakeRenderer::new(|_, _| 1.0);
+    let report = study(&["scheduler"], 1).run(&mut broken_off, &mut |_| ControlFlow::Break(()));
+    assert!(report.expect("nothing fails").shared_settings().is_empty(), "nothing was rendered");
 }
 
 // The statistics.

@@ -84,7 +84,7 @@ fn the_report_holds_every_figure() {
     assert_eq!(line(&report, "b"), [bench.path("b.exr").to_str().unwrap()]);
     assert_eq!(line(&report, "size").join(" "), "3 x 1");
     assert_eq!(line(&report, "compared_pixels").join(" "), "2 of 3");
-    assert_eq!(line(&report, "differing_pixels").join(" "), "100.0000 %");
+    assert_eq!(line(&report, "identical_pixels").join(" "), "0 of 3, to the last bit");
     assert_eq!(line(&report, "non_finite_a").join(" "), "1 nan, 0 inf");
     assert_eq!(line(&report, "non_finite_b").join(" "), "0 nan, 1 inf");
     for (name, value) in [
@@ -126,6 +126,7 @@ fn json_says_the_same() {
     let json: serde_json::Value = serde_json::to_value(&report).unwrap();
     assert_eq!(json["a"], bench.path("a.exr").to_str().unwrap());
     assert_eq!(json["width"], 2);
+    assert_eq!(json["identical_pixels"], 0);
     assert_eq!(json["share_of_differing_pixels"], 1.0);
     assert_eq!(json["non_finite_a"]["nan_count"], 0);
     assert_eq!(json["whole"]["mse"], 2.0 / 3.0);
@@ -148,7 +149,7 @@ fn a_file_equals_itself() {
         assert_eq!(number(&report, "mse"), 0.0);
         assert_eq!(number(&report, "z"), 0.0);
         assert_eq!(number(&report, "p"), 1.0);
-        assert_eq!(line(&report, "differing_pixels").join(" "), "0.0000 %");
+        assert_eq!(line(&report, "identical_pixels").join(" "), "4 of 4, to the last bit");
     }
     // No error has no range; the map is its darkest colour all over.
     for scale in [HeatmapScale::Relative, HeatmapScale::Absolute] {

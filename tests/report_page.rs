@@ -15,7 +15,7 @@ use glam::Vec3;
 use raywave::export::{Document, Exports, Format, Page};
 use raywave::film::read_image;
 use raywave::stats::Bootstrap;
-use raywave::studies::{Provenance, Report};
+use raywave::studies::{Cpu, Provenance, Report};
 
 use fake_renderer::{FakeRenderer, normal, study};
 
@@ -95,7 +95,9 @@ fn provenance() -> Provenance {
         driver: "example 1.2.3".to_owned(),
         vulkan_version: "1.3.290".to_owned(),
         subgroup_size_lanes: 32,
-        clocks: None,
+        rustc_version: "rustc 1.90.0".to_owned(),
+        cpu: Some(Cpu { model: "Example | CPU".to_owned(), logical_processors: 3, megahertz: Some(2599.998) }),
+        clocks: Some("locked at 1 < 2 GHz".to_owned()),
         settings: serde_json::from_str(r#"{"max_bounces": 8, "roulette": 0.0, "note": "</script><b>"}"#).expect("JSON"),
     }
 }
@@ -106,6 +108,8 @@ fn json_holds_everything() {
     let json: serde_json::Value =
         serde_json::from_str(&Document { provenance: &provenance, report: &report }.json()).expect("it is JSON");
     assert_eq!(json["provenance"]["device"], "Example <GPU> & \"Co\"");
+    assert_eq!(json["provenance"]["settings"]["max_bounces"], 8);
+    assert_eq!(json["provenance"]["cpu"]["logical_processors"], 3);
     assert_eq!(json["complete"], true);
     assert_eq!(json["factors"]["in-flight"], serde_json::json!(["16k", "64k", "1M"]));
     assert_eq!(json["baseline"]["scheduler"], "wavefront");
@@ -123,7 +127,12 @@ fn json_holds_everything() {
         let timed = combination["verdict"] != "wrong";
         assert_eq!(combination["seconds"].is_object(), timed);
         assert_eq!(combination["runs"].as_array().expect("runs").len(), if timed { 15 } else { 0 });
-        assert!(combination["first"]["pipelines"][0]["cold_seconds"].is_number());
+        let first = &combination["first"];
+        for key in ["cold_seconds", "cached_seconds"] {
+            assert!(first["pipelines"][0][key].is_number(), "{key}");
+        }
+        assert_eq!((&first["cold_start_up_seconds"], &first["cached_start_up_seconds"]), (&0.61.into(), &0.29.into()));
+        assert_eq!(first["settings"]["max_bounces"], 8);
         if timed {
             assert!(combination["typical"]["kernels"][0]["gpu_seconds"].is_number());
             let seconds = &combination["seconds"];
@@ -174,6 +183,16 @@ fn csv_has_a_row_for_each_combination() {
         assert_eq!(cells["in_flight"], combination.configuration.level("in-flight").expect("it is varied"));
         assert_eq!(cells["verdict"], combination.verdict.word());
         assert_eq!(cells["seconds"].parse().ok(), combination.seconds.map(|seconds| seconds.value));
+        let first = combination.first.as_ref();
+        for (name, value) in [
+            ("cold_start_up_seconds", first.and_then(|first| first.cold_start_up_seconds)),
+            ("cached_start_up_seconds", first.and_then(|first| first.cached_start_up_seconds)),
+            ("cold_pipeline_seconds", first.and_then(|first| first.pipeline_seconds(false))),
+            ("cached_pipeline_seconds", first.and_then(|first| first.pipeline_seconds(true))),
+        ] {
+            assert_eq!(cells[name].parse().ok(), value, "{name}");
+            assert_eq!(value.is_some(), first.is_some(), "{name}");
+        }
         assert_eq!(cells["ratio_low"].parse().ok(), combination.ratio.map(|ratio| ratio.estimate.low));
     }
 }
@@ -182,8 +201,15 @@ fn csv_has_a_row_for_each_combination() {
 fn markdown_has_a_table_for_each_scene() {
     let (report, provenance) = (example(), provenance());
     let text = Document { provenance: &provenance, report: &report }.markdown();
-    let tables = text.lines().filter(|line| line.starts_with("| combination")).count();
-    assert_eq!(tables, 2);
+    for start in ["| combination", "| start-up"] {
+        assert_eq!(text.lines().filter(|line| line.starts_with(start)).count(), 2, "{start}");
+    }
+    let start = "| wavefront, in-flight 16k, explicit | ";
+    let starts = "610 ms | 290 ms | 240 ms | 12.0 ms |";
+    assert!(text.lines().any(|line| line.starts_with(start) && line.ends_with(starts)), "{text}");
+    for told in ["max\\_bounces 8", "rustc 1.90.0", "Example \\| CPU, 3 logical processors, 2600 MHz", "1 \\< 2 GHz"] {
+        assert!(text.contains(told), "{told} in {text}");
+    }
     for line in text.lines().filter(|line| line.starts_with('|')) {
         let bars = line.replace("\\|", "").matches('|').count();
         assert_eq!(bars, 7, "six columns: {line}");
@@ -224,6 +250,19 @@ fn the_page_asks_nothing_of_the_network_and_escapes_what_it_shows() {
     }
     assert!(!page.contains("<GPU>") && !page.contains("</script><b>") && !page.contains("heap\" <0>"));
     assert!(page.contains("Example &lt;GPU&gt; &amp; &quot;Co&quot;"));
+    for told in [
+        "<dt>max_bounces</dt><dd>8</dd>",
+        "<dt>built by</dt><dd>rustc 1.90.0</dd>",
+        "<dt>processor</dt><dd>Example | CPU, 3 logical processors, 2600 MHz</dd>",
+        "<dt>clocks</dt><dd>locked at 1 &lt; 2 GHz</dd>",
+    ] {
+        assert!(page.contains(told), "{told}");
+    }
+    let starts =
+        page.split("id=\"start-up\"").nth(1).and_then(|rest| rest.split("</section>").next()).unwrap_or_default();
+    for told in ["start-up, cold", "start-up, cached", "610 ms", "290 ms", "240 ms", "12.0 ms"] {
+        assert!(starts.contains(told), "{told} in {starts}");
+    }
     // Equal images are in it once: two of each scene's own, the implicit ones, and differences.
     assert!(page.matches("data:image/png").count() <= 2 * 2 + 1 + 3, "{}", page.matches("data:image/png").count());
 }

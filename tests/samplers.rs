@@ -12,6 +12,7 @@ use common::optics;
 use common::probe::{
     Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, spherical, vector,
 };
+use common::reference_path::pcg4d;
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use raywave::constants::{ENVIRONMENT_LAT_LONG, NO_TRIANGLE};
 use raywave::scene::{Camera, Environment, EnvironmentMap, Material, Surface};
@@ -79,20 +80,6 @@ fn turn(axis: DVec3, v: DVec3) -> f64 {
 }
 
 // Random numbers
-
-/// pcg4d of `random.glsl`, a second time.
-fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
-    let mix = |v: &mut [u32; 4]| {
-        for (to, a, b) in [(0, 1, 3), (1, 2, 0), (2, 0, 1), (3, 1, 2)] {
-            v[to] = v[to].wrapping_add(v[a].wrapping_mul(v[b]));
-        }
-    };
-    v = v.map(|x| x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
-    mix(&mut v);
-    v = v.map(|x| x ^ x >> 16);
-    mix(&mut v);
-    v
-}
 
 #[test]
 fn random_numbers_are_uniform_and_independent_of_their_neighbours() {

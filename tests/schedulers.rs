@@ -1,73 +1,97 @@
 //! One image, to the last bit, whatever the scheduler, the number of paths in flight, the
-//! workgroup size and the order of the queues.
+//! workgroup size and the order of the queues; and as many rays. Of how many there should be,
+//! `ray_counts.rs` knows.
 
 mod common;
 
+use std::fs;
 use std::ops::ControlFlow;
+use std::path::PathBuf;
 
-use common::{device, own_scene, render_on};
+use common::{device, own_scene, project_file, render_on};
 use glam::DVec3;
-use raywave::film::FilmMoments;
+use rayon::prelude::*;
 use raywave::gpu::Device;
-use raywave::render::{PreparedScene, RenderError, Scheduler, Session, Settings};
-use raywave::scene::{Integrator, Scene};
+use raywave::render::{Outcome, PreparedScene, RenderError, Scheduler, Session, Settings};
+use raywave::scene::{Integrator, Scene, generate_gallery};
 
-const SCENES: [&str; 7] =
-    ["cornell-box", "cornell-caustic", "cornell-glass", "cornell-phong", "furnace", "smooth", "textured-sky"];
 const SIZE: u32 = 20;
 const SAMPLES: u32 = 3;
 
-/// The sums of a render of three samples, small enough for every scene.
-fn sums(device: &Device, scene: &Scene, settings: Settings) -> Vec<DVec3> {
-    let settings = Settings { width: SIZE, height: SIZE, samples: SAMPLES, ..settings };
-    let FilmMoments { sum, sum_of_squares, .. } = render_on(device, scene, &settings).film;
-    sum.into_iter().chain(sum_of_squares).collect()
+/// Every scene of `scenes/` and a small gallery, by name.
+fn all_scenes() -> Vec<(String, Scene)> {
+    let entries = fs::read_dir(project_file("scenes")).expect("the folder of scenes is readable");
+    let paths = entries.map(|entry| entry.expect("its entries are readable").path());
+    let own = paths.filter(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    let gallery = tempfile::tempdir().expect("a temporary folder");
+    generate_gallery(gallery.path(), 5000).expect("the gallery is written");
+    let load = |path: PathBuf| {
+        let scene = Scene::load(&path).expect("own scenes load");
+        (scene.name.clone(), scene)
+    };
+    own.chain([gallery.path().join("gallery.toml")]).map(load).collect()
 }
 
-#[test]
-fn schedulers_render_the_same_bits() {
-    let device = device();
-    for name in SCENES {
-        let scene = own_scene(name);
-        for integrator in [Integrator::Implicit, Integrator::Explicit] {
-            let settings = |scheduler| Settings { integrator, scheduler, ..Settings::of(&scene) };
-            let wavefront = sums(&device, &scene, settings(Scheduler::Wavefront));
-            let megakernel = sums(&device, &scene, settings(Scheduler::Megakernel));
-            assert!(wavefront == megakernel, "{name} {integrator:?} depends on the scheduler");
-            assert!(wavefront.iter().any(|sum| *sum != DVec3::ZERO), "{name} {integrator:?} is black");
+/// A render of three samples, small enough for every scene: what must not depend on the scheduler.
+#[derive(PartialEq)]
+struct Render {
+    sums: Vec<DVec3>,
+    sums_of_squares: Vec<DVec3>,
+    camera_rays: u64,
+    bounce_rays: u64,
+    shadow_rays: u64,
+}
+
+impl Render {
+    fn new(device: &Device, scene: &Scene, settings: Settings) -> Self {
+        let settings = Settings { width: SIZE, height: SIZE, samples: SAMPLES, ..settings };
+        let Outcome { film, statistics } = render_on(device, scene, &settings);
+        Self {
+            sums: film.sum,
+            sums_of_squares: film.sum_of_squares,
+            camera_rays: statistics.camera_rays,
+            bounce_rays: statistics.bounce_rays,
+            shadow_rays: statistics.shadow_rays,
         }
     }
 }
 
-#[test]
-fn batches_and_workgroups_leave_no_trace() {
-    let device = device();
-    let scene = own_scene("cornell-glass");
-    for scheduler in [Scheduler::Wavefront, Scheduler::Megakernel] {
-        let render = |in_flight, workgroup_size| {
-            let settings = Settings { scheduler, in_flight, workgroup_size, ..Settings::of(&scene) };
-            sums(&device, &scene, settings)
-        };
-        let reference = render(None, None);
-        // A part of the image, an odd part, the image, it and a part, all samples at once.
-        for in_flight in [64, 333, SIZE * SIZE, SIZE * SIZE + 77, SIZE * SIZE * SAMPLES] {
-            assert!(reference == render(Some(in_flight), None), "{scheduler:?} depends on {in_flight} paths in flight");
-        }
-        for workgroup in [32, 64, 128] {
-            assert!(reference == render(None, Some(workgroup)), "{scheduler:?} depends on workgroups of {workgroup}");
-        }
-    }
-}
+/// Paths in flight and workgroup size of the renders that are compared with one of all samples at
+/// once in workgroups of the device's choice. Every render builds its kernels anew, which takes most
+/// of its time, so not every pair is tried: what depends on either number differs in some pair.
+const CUTS: [(u32, u32); 5] = [
+    // A part of the image, an odd part,
+    (100, 32),
+    (333, 64),
+    // the image, it and a part,
+    (SIZE * SIZE, 128),
+    (SIZE * SIZE + 77, 64),
+    // all samples but one.
+    (SIZE * SIZE * SAMPLES - 1, 32),
+];
 
 #[test]
-fn a_shading_cost_is_paid_in_time_alone() {
+fn schedulers_batches_and_workgroups_leave_no_trace() {
     let device = device();
-    let scene = own_scene("cornell-phong");
-    let render =
-        |scheduler, shading_cost| sums(&device, &scene, Settings { scheduler, shading_cost, ..Settings::of(&scene) });
-    let reference = render(Scheduler::Wavefront, 0);
-    assert!(reference == render(Scheduler::Wavefront, 100));
-    assert!(reference == render(Scheduler::Megakernel, 100));
+    let scenes = all_scenes();
+    assert!(scenes.len() > 7, "scenes/ and the gallery");
+    let integrators = [Integrator::Implicit, Integrator::Explicit];
+    let cases: Vec<_> = scenes.iter().flat_map(|scene| integrators.map(|integrator| (scene, integrator))).collect();
+    cases.into_par_iter().for_each(|((name, scene), integrator)| {
+        let settings = Settings { integrator, ..Settings::of(scene) };
+        let reference = Render::new(&device, scene, settings);
+        assert!(reference.sums.iter().any(|sum| *sum != DVec3::ZERO), "{name} {integrator:?} is black");
+        for scheduler in [Scheduler::Wavefront, Scheduler::Megakernel] {
+            for (paths, workgroup) in CUTS {
+                let (in_flight, workgroup_size) = (Some(paths), Some(workgroup));
+                let settings = Settings { scheduler, in_flight, workgroup_size, ..settings };
+                assert!(
+                    Render::new(&device, scene, settings) == reference,
+                    "{name}, {integrator:?} differs: {scheduler:?}, {paths} paths in flight, workgroups of {workgroup}"
+                );
+            }
+        }
+    });
 }
 
 #[test]
@@ -94,15 +118,17 @@ fn loops_that_the_driver_cuts_are_told() {
 }
 
 #[test]
-fn schedulers_trace_the_same_rays() {
+fn kernels_add_up_to_the_time_of_their_command_buffers() {
     let device = device();
     let scene = own_scene("cornell-box");
-    let rays = |scheduler| {
-        let settings = Settings { width: 32, height: 32, samples: 2, scheduler, ..Settings::of(&scene) };
+    for scheduler in [Scheduler::Wavefront, Scheduler::Megakernel] {
+        let settings = Settings { width: 128, height: 128, samples: 8, scheduler, ..Settings::of(&scene) };
         let statistics = render_on(&device, &scene, &settings).statistics;
-        [statistics.camera_rays, statistics.bounce_rays, statistics.shadow_rays]
-    };
-    let wavefront = rays(Scheduler::Wavefront);
-    assert_eq!(wavefront, rays(Scheduler::Megakernel));
-    assert!(wavefront.iter().all(|&count| count > 0));
+        let whole = statistics.gpu_seconds;
+        let sum: f64 = statistics.kernels().values().map(|time| time.seconds).sum();
+        assert!(whole > 0.0, "{scheduler:?}: the tests' drivers have clocks");
+        assert!(whole <= statistics.wall_time.as_secs_f64(), "{scheduler:?}: command buffers run within the render");
+        // Below 1: the barriers at both ends take time too.
+        assert!((0.95..1.0).contains(&(sum / whole)), "{scheduler:?}: kernels {sum} s, command buffers {whole} s");
+    }
 }

@@ -424,7 +424,7 @@ fn one_bit_is_a_difference() {
     let a = image(&[Vec3::ONE, vec3(1.0, next, 1.0), Vec3::ZERO, Vec3::ZERO]);
     let b = image(&[Vec3::ONE, Vec3::ONE, vec3(0.0, 0.0, -0.0), Vec3::ZERO]);
     let comparison = compare_images(&a, &b).unwrap();
-    assert_eq!(comparison.share_of_differing_pixels, 0.5);
+    assert_eq!((comparison.identical_pixels, comparison.share_of_differing_pixels), (2, 0.5));
     assert_close(comparison.whole.max_abs_difference, f64::from(f32::EPSILON), 1e-20);
 }
 

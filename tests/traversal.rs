@@ -8,7 +8,7 @@ use common::meshes::{Mesh, ball, cuboid, placed, soup};
 use common::probe::{Bench, Uniform, lanes, scene_of};
 use common::{device, own_scene};
 use glam::{DMat3, DVec3, Vec3};
-use raywave::bvh::{self, Bvh, Ray};
+use raywave::bvh::{self, Bvh, BvhKind, Ray};
 use raywave::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE};
 use raywave::gpu::Device;
 use raywave::layout::Node;
@@ -155,12 +155,20 @@ fn agrees_with_brute_force(bench: &Bench, queries: &[Query], answers: &[Answer])
     }
 }
 
+const KINDS: [BvhKind; 3] = [BvhKind::Bvh2, BvhKind::Bvh4, BvhKind::Cwbvh];
+
 fn check(device: &Device, scene: &Scene, count: usize) {
-    let bench = Bench::new(device, scene);
+    for kind in KINDS {
+        check_kind(device, scene, count, kind);
+    }
+}
+
+fn check_kind(device: &Device, scene: &Scene, count: usize, kind: BvhKind) {
+    let bench = Bench::with_bvh(device, scene, kind);
     let queries = rays_through(&bench, count, &mut Uniform::new(count as u64));
     let answers: Vec<Answer> = bench.run("traversal", &queries);
     agrees_with_the_cpu(&bench, &queries, &answers);
-    let few = (10_000_000 / bench.scene.triangles.len()).min(queries.len());
+    let few = (4_000_000 / bench.scene.triangles.len()).min(queries.len());
     agrees_with_brute_force(&bench, &queries[..few], &answers[..few]);
     let hits = answers.iter().filter(|answer| answer.triangle != NO_TRIANGLE).count();
     assert!(hits > count / 10, "{hits} of {count} rays hit something");
@@ -204,9 +212,14 @@ fn soups_and_degenerate_triangles_are_traced_as_on_the_cpu_and_as_in_f64() {
 #[test]
 fn of_equally_near_triangles_the_first_of_the_scene_is_hit() {
     let mesh = vec![[DVec3::ZERO, DVec3::X, DVec3::Y]; 300];
-    let bench = Bench::new(&device(), &scene_of(&mesh));
+    for kind in KINDS {
+        the_first_is_hit(&Bench::with_bvh(&device(), &scene_of(&mesh), kind));
+    }
+}
+
+fn the_first_is_hit(bench: &Bench) {
     let mut random = Uniform::new(2);
-    let [a, b, c] = corners(&bench, 0).map(|v| v.as_vec3());
+    let [a, b, c] = corners(bench, 0).map(|v| v.as_vec3());
     let queries: Vec<_> = (0..1000)
         .map(|_| {
             let target = a + 0.3 * (b - a) + 0.3 * (c - a);
@@ -222,7 +235,7 @@ fn of_equally_near_triangles_the_first_of_the_scene_is_hit() {
 
 #[test]
 fn no_ray_leaks_out_of_a_closed_body() {
-    const RAYS: usize = 1 << 19;
+    const RAYS: usize = 870_000;
     let device = device();
     let mut random = Uniform::new(3);
     let turn = DMat3::from_euler(glam::EulerRot::XYZ, 0.3, 0.5, 0.7);
@@ -233,8 +246,8 @@ fn no_ray_leaks_out_of_a_closed_body() {
         placed(&cuboid(DVec3::NEG_ONE, DVec3::ONE), turn, 3.0, DVec3::ONE),
     ];
     let mut traced = 0;
-    for body in bodies {
-        let bench = Bench::new(&device, &scene_of(&body));
+    for (body, kind) in bodies.iter().flat_map(|body| KINDS.map(|kind| (body, kind))) {
+        let bench = Bench::with_bvh(&device, &scene_of(body), kind);
         let all: Vec<_> = (0..body.len()).map(|place| corners(&bench, place).map(|v| v.as_vec3())).collect();
         let middle = all.as_flattened().iter().sum::<Vec3>() / (3 * all.len()) as f32;
         let queries: Vec<_> = (0..RAYS)
@@ -255,10 +268,10 @@ fn no_ray_leaks_out_of_a_closed_body() {
             .collect();
         let answers: Vec<Answer> = bench.run("traversal", &queries);
         let leaks = answers.iter().filter(|answer| answer.triangle == NO_TRIANGLE || answer.blocked == 0).count();
-        assert_eq!(leaks, 0, "leaks out of a body of {} triangles", body.len());
+        assert_eq!(leaks, 0, "leaks out of a body of {} triangles, {kind:?}", body.len());
         traced += queries.len();
     }
-    assert!(traced >= 1_000_000);
+    assert!(traced >= 10_000_000);
 }
 
 /// Input of the probe `leave`.
@@ -360,7 +373,8 @@ fn the_stack_takes_as_much_as_the_depth_says_and_no_more() {
         right_high: high,
         unused1: 0,
     };
-    bench.scene.bvh = Bvh { nodes: (0..LEVELS).map(node).collect(), depth: LEVELS, ..Bvh::build(&[[Vec3::ZERO; 3]]) };
+    let texels = (0..LEVELS).flat_map(|level| bytemuck::cast::<Node, [[u32; 4]; 4]>(node(level))).collect();
+    bench.scene.bvh = Bvh { texels, depth: LEVELS, ..Bvh::build(BvhKind::Bvh2, &[[Vec3::ZERO; 3]]) };
     bench.scene.bvh.order = bench.scene.triangles.iter().map(|triangle| triangle.original).collect();
     let queries = rays_through(&bench, 10_000, &mut Uniform::new(5));
     let answers: Vec<Answer> = bench.run("traversal", &queries);

@@ -13,6 +13,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 use obvhs::{BvhBuildParams, triangle::Triangle};
+use serde::{Deserialize, Serialize};
 
 pub use traverse::{Hit, Ray, Work, count_any, count_closest, intersect_triangle, trace_any, trace_closest};
 
@@ -28,7 +29,7 @@ pub const MAX_TRIANGLES: usize = 1 << LEAF_COUNT_SHIFT;
 const FREE_LEVELS: u32 = 60;
 
 /// Shapes that a tree can be given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum BvhKind {
     /// Two children a node, boxes in f32. 64 bytes a node.
     Bvh2,
@@ -113,6 +114,12 @@ impl Bvh {
     /// Nodes of the tree.
     pub fn node_count(&self) -> usize {
         self.texels.len() / self.kind.node_texels()
+    }
+
+    /// The texels of a node.
+    fn wide_node(&self, index: u32) -> &[[u32; 4]] {
+        let texels = self.kind.node_texels();
+        &self.texels[index as usize * texels..][..texels]
     }
 
     /// The nodes of a two-wide tree.

@@ -4,8 +4,8 @@ use std::ops::ControlFlow;
 
 use glam::{Vec3, Vec3Swizzles};
 
-use super::Bvh;
-use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE};
+use super::{Bvh, BvhKind};
+use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE, WIDE_INNER_BIT};
 use crate::layout::{Node, Triangle};
 
 /// A ray of normalised space. The direction need not be unit.
@@ -102,15 +102,22 @@ fn enter_box(low: [f32; 3], high: [f32; 3], origin: Vec3, inverse: Vec3, limit: 
     (enter <= leave * SLAB_SLACK).then_some(enter)
 }
 
-/// Visits the leaves that the ray enters nearer than `limit`, nearer children first. `visit` gives
-/// the limit from there on, or breaks the walk off.
-fn walk(
-    bvh: &Bvh,
+/// Visits the triangles, by place in leaf order, of leaves that the ray enters nearer than `limit`:
+/// nearer children first, as the kernels do. `visit` gives the limit from there on, or breaks the
+/// walk off.
+fn walk(bvh: &Bvh, ray: &Ray, limit: f32, visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
+    match bvh.kind {
+        BvhKind::Bvh2 => walk_binary(bvh.binary_nodes(), ray, limit, visit),
+        BvhKind::Bvh4 | BvhKind::Cwbvh => walk_wide(bvh, ray, limit, visit),
+    }
+}
+
+fn walk_binary(
+    nodes: &[Node],
     ray: &Ray,
     mut limit: f32,
-    mut visit: impl FnMut(std::ops::Range<u32>) -> ControlFlow<(), f32>,
+    mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>,
 ) -> Work {
-    let nodes = bvh.binary_nodes();
     let inverse = safe_inverse(ray.direction);
     let mut stack = vec![0_u32];
     let mut work = Work::default();
@@ -119,7 +126,7 @@ fn walk(
             let first = reference & ((1 << LEAF_COUNT_SHIFT) - 1);
             let count = (reference & !LEAF_BIT) >> LEAF_COUNT_SHIFT;
             work.triangles += u64::from(count);
-            match visit(first..first + count) {
+            match visit(&Vec::from_iter(first..first + count)) {
                 ControlFlow::Continue(nearer) => limit = nearer,
                 ControlFlow::Break(()) => break,
             }
@@ -140,6 +147,78 @@ fn walk(
     work
 }
 
+/// As in `wide.glsl`.
+const PLANE_ERROR: f32 = 8.0 * 5.960_464_5e-8;
+
+fn walk_wide(
+    bvh: &Bvh,
+    ray: &Ray,
+    mut limit: f32,
+    mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>,
+) -> Work {
+    let inverse = safe_inverse(ray.direction);
+    let octant = (0..3).fold(0, |octant, axis| octant << 1 | u32::from(inverse[axis] >= 0.0));
+    // Nodes with inner children left to visit, a bit for each, the nearest one highest.
+    let mut stack: Vec<(u32, u32)> = Vec::new();
+    let mut next = Some(0);
+    let mut work = Work::default();
+    while let Some(node) = next {
+        work.nodes += 1;
+        let (inner, triangles) = meet_children(bvh, node, ray.origin, inverse, octant, limit);
+        if inner != 0 {
+            stack.push((node, inner));
+        }
+        next = stack.pop().map(|(parent, children)| {
+            let nearest = children.ilog2();
+            let rest = children & !(1 << nearest);
+            if rest != 0 {
+                stack.push((parent, rest));
+            }
+            let links = bvh.wide_node(parent)[1][0];
+            (links >> 8) + (links & 0xff & ((1 << (nearest ^ octant)) - 1)).count_ones()
+        });
+        work.triangles += triangles.len() as u64;
+        if triangles.is_empty() {
+            continue;
+        }
+        match visit(&triangles) {
+            ControlFlow::Continue(nearer) => limit = nearer,
+            ControlFlow::Break(()) => break,
+        }
+    }
+    work
+}
+
+/// Inner children that the ray meets, and triangles of leaves that it meets.
+fn meet_children(bvh: &Bvh, node: u32, origin: Vec3, inverse: Vec3, octant: u32, limit: f32) -> (u32, Vec<u32>) {
+    let words = bvh.wide_node(node).as_flattened();
+    let bytes = |word: usize| words[word].to_le_bytes();
+    let step = Vec3::from_array(std::array::from_fn(|axis| f32::from_bits(u32::from(bytes(3)[axis]) << 23)));
+    let scale = step * inverse;
+    let offset = (Vec3::from_array(std::array::from_fn(|axis| f32::from_bits(words[axis]))) - origin) * inverse;
+    let error = (offset.abs() + 255.0 * scale.abs()) * PLANE_ERROR;
+    let (near, far) = (offset - error, offset + error);
+    let mut hits = 0_u32;
+    for child in 0..bvh.kind.width() as usize {
+        let meta = bytes(6 + child / 4)[child % 4];
+        let plane = |axis: usize, high: bool| {
+            f32::from(bytes(8 + 6 * (child / 4) + 2 * axis + usize::from(high))[child % 4])
+        };
+        let backwards = |axis: usize| inverse[axis] < 0.0;
+        let enters = Vec3::from_array(std::array::from_fn(|a| plane(a, backwards(a)) * scale[a] + near[a]));
+        let leaves = Vec3::from_array(std::array::from_fn(|a| plane(a, !backwards(a)) * scale[a] + far[a]));
+        let enter = enters.x.max(enters.y).max(enters.z.max(0.0));
+        let leave = leaves.x.min(leaves.y).min(leaves.z.min(limit));
+        if enter <= leave * SLAB_SLACK {
+            let is_inner = u32::from(meta & 0x1f) >= WIDE_INNER_BIT;
+            let place = u32::from(meta & 0x1f) ^ if is_inner { octant } else { 0 };
+            hits |= u32::from(meta >> 5) << place;
+        }
+    }
+    let triangles = (0..WIDE_INNER_BIT).filter(|bit| hits & 1 << bit != 0).map(|bit| words[5] + bit).collect();
+    (hits >> WIDE_INNER_BIT, triangles)
+}
+
 /// The nearest hit; among equal distances the triangle that the scene lists first.
 pub fn trace_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> Option<Hit> {
     count_closest(bvh, triangles, ray).0
@@ -150,7 +229,7 @@ pub fn count_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> (Option<Hi
     let mut nearest = Hit { triangle: NO_TRIANGLE, barycentrics: [0.0; 2], distance: f32::MAX };
     let mut nearest_original = NO_TRIANGLE;
     let work = walk(bvh, ray, nearest.distance, |leaf| {
-        for place in leaf {
+        for &place in leaf {
             let triangle = &triangles[place as usize];
             let Some((distance, barycentrics)) = intersect_triangle(ray, triangle) else { continue };
             let nearer =
@@ -174,7 +253,7 @@ pub fn trace_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limi
 pub fn count_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> (bool, Work) {
     let mut blocked = false;
     let work = walk(bvh, ray, limit, |leaf| {
-        for place in leaf {
+        for &place in leaf {
             let hit = intersect_triangle(ray, &triangles[place as usize]);
             blocked |= hit.is_some_and(|(distance, _)| distance < limit) && place != ray.leaves && place != target;
         }

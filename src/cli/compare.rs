@@ -52,6 +52,10 @@ pub struct CompareArguments {
     /// Leave out the renders that count nodes, triangles and lanes
     #[arg(long)]
     pub no_counters: bool,
+    /// Processes of each combination that are started to their first sample with cold caches, and as
+    /// many with warm ones; 0 leaves start-up and compile times unmeasured
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub start_ups: usize,
     /// Seed of the order of the renders
     #[arg(long, value_name = "SEED", default_value_t = 0)]
     pub order_seed: u64,
@@ -128,7 +132,7 @@ pub fn run(
 ) -> anyhow::Result<()> {
     let study = study(arguments)?;
     let mut exports = Exports::open(files(arguments), arguments.exposure)?;
-    let (mut renderer, provenance) = open(arguments)?;
+    let (mut renderer, mut provenance) = open(arguments)?;
     let interrupted =
         stop_on_interrupt("ending after this render; the files keep what there is; Ctrl-C again gives it up")?;
     let progress = Progress::new(arguments.quiet);
@@ -136,11 +140,12 @@ pub fn run(
     let mut unwritten = None;
     let outcome = study.run(renderer.as_mut(), &mut |event| {
         progress.show(&event);
-        if let Event::Updated { report } = event
-            && let Err(error) = exports.write(&Document { provenance: &provenance, report })
-        {
-            unwritten = Some(error);
-            return ControlFlow::Break(());
+        if let Event::Updated { report } = event {
+            provenance.settings = report.shared_settings();
+            if let Err(error) = exports.write(&Document { provenance: &provenance, report }) {
+                unwritten = Some(error);
+                return ControlFlow::Break(());
+            }
         }
         if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
@@ -149,6 +154,7 @@ pub fn run(
         return Err(error.into());
     }
     let report = outcome?;
+    provenance.settings = report.shared_settings();
     let document = Document { provenance: &provenance, report: &report };
     // A study that was broken off has more to say than it last wrote.
     exports.write(&document)?;
@@ -192,6 +198,7 @@ pub fn provenance() -> Provenance {
     let arguments = std::env::args_os().skip(1).map(|argument| quote(argument.to_string_lossy().into_owned()));
     Provenance {
         raywave_version: env!("CARGO_PKG_VERSION").to_owned(),
+        rustc_version: env!("RAYWAVE_RUSTC_VERSION").to_owned(),
         command_line: std::iter::once("raywave".to_owned()).chain(arguments).collect::<Vec<_>>().join(" "),
         date: utc(SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()),
         ..Provenance::default()
@@ -217,7 +224,7 @@ fn utc(since_1970: Duration) -> String {
     format!("{year}-{month:02}-{day:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
 }
 
-fn at_least_one(text: &str) -> Result<usize, String> {
+pub(super) fn at_least_one(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "it is not a whole number from 1 on".to_owned())
 }
 

@@ -123,8 +123,7 @@ impl fmt::Display for Report {
         let (width, height) = (comparison.width, comparison.height);
         writeln!(f, "{:<20}{width} x {height}", "size")?;
         writeln!(f, "{:<20}{} of {pixels}", "compared_pixels", comparison.compared_pixels)?;
-        let differing = 100.0 * comparison.share_of_differing_pixels;
-        writeln!(f, "{:<20}{differing:.4} %", "differing_pixels")?;
+        writeln!(f, "{:<20}{} of {pixels}, to the last bit", "identical_pixels", comparison.identical_pixels)?;
         for (name, count) in [("a", comparison.non_finite_a), ("b", comparison.non_finite_b)] {
             let name = format!("non_finite_{name}");
             let (nan, inf) = (count.nan_count, count.inf_count);

@@ -4,8 +4,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::error::Error;
 use std::ops::ControlFlow;
-use std::path::Path;
-use std::time::Instant;
+use std::path::PathBuf;
 
 use anyhow::{Context, anyhow, bail};
 
@@ -13,21 +12,25 @@ use super::devices::kind_name;
 use super::load_scene;
 use super::picture::PictureArguments;
 use crate::bvh::BvhKind;
+use super::render::settings_record;
+use super::start_up::{self, Contrast};
 use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
-use crate::gpu::Device;
+use crate::gpu::{Device, DeviceKind};
 use crate::layout::WorkCount;
 use crate::render::{Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
 use crate::scene::{Integrator, Scene};
 use crate::studies::{
-    BounceRow, Configuration, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts,
-    StageWork, WorkCounters,
+    BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
+    SceneFacts, StageWork, WorkCounters,
 };
 
 /// Renders scenes on a device by the configurations of a study.
 pub struct DeviceRenderer {
     device: Device,
     picture: PictureArguments,
-    /// Whether the warnings of scenes are kept back.
+    /// Processes that are started with cold caches, and as many with warm ones.
+    start_ups: usize,
+    /// Whether warnings are kept back.
     quiet: bool,
     scene: Option<OpenScene>,
     /// Kept between renders of a configuration, so that timed ones find everything built.
@@ -36,6 +39,8 @@ pub struct DeviceRenderer {
 
 struct OpenScene {
     scene: Scene,
+    /// `None` for the built-in one.
+    path: Option<PathBuf>,
     settings: Settings,
     /// By the shape of its BVH, as far as configurations have asked for it.
     prepared: HashMap<BvhKind, PreparedScene>,
@@ -65,14 +70,19 @@ const KERNEL_ORDER: [&str; 10] = [
     "resolve",
 ];
 
+/// The place of a kernel in a bounce.
+pub fn stage(kernel: &str) -> Option<usize> {
+    KERNEL_ORDER.iter().position(|name| *name == kernel)
+}
+
 impl DeviceRenderer {
     /// A renderer of pictures like this one, on the device that they want.
     ///
     /// # Errors
     /// No Vulkan, no such device.
-    pub fn new(picture: &PictureArguments, quiet: bool) -> anyhow::Result<Self> {
+    pub fn new(picture: &PictureArguments, start_ups: usize, quiet: bool) -> anyhow::Result<Self> {
         let device = picture.open_device()?;
-        Ok(Self { device, picture: picture.clone(), quiet, scene: None, sessions: HashMap::new() })
+        Ok(Self { device, picture: picture.clone(), start_ups, quiet, scene: None, sessions: HashMap::new() })
     }
 
     /// Adds what the device is to a record.
@@ -84,16 +94,18 @@ impl DeviceRenderer {
             driver: device.driver.clone(),
             vulkan_version: device.vulkan_version.clone(),
             subgroup_size_lanes: device.subgroup_size,
+            cpu: (device.kind == DeviceKind::Cpu).then(cpu).flatten(),
             ..provenance
         }
     }
 
     fn open_scene(&mut self, path: &str) -> anyhow::Result<SceneFacts> {
         self.sessions.clear();
-        let scene: Scene = load_scene((!path.is_empty()).then_some(Path::new(path)), self.quiet)?;
+        let path = (!path.is_empty()).then(|| PathBuf::from(path));
+        let scene: Scene = load_scene(path.as_deref(), self.quiet)?;
         let settings = self.picture.settings(&scene)?;
         let (name, hash) = (scene.name.clone(), scene.hash.clone());
-        let mut open = OpenScene { scene, settings, prepared: HashMap::new() };
+        let mut open = OpenScene { path, scene, settings, prepared: HashMap::new() };
         let prepared = open.prepare(settings.bvh)?;
         let facts = SceneFacts {
             scene: name,
@@ -137,29 +149,41 @@ impl DeviceRenderer {
     fn render_first(&mut self, settings: Settings, key: String) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
         let prepared = scene.prepare(settings.bvh)?;
-        let start = Instant::now();
         let mut session = Session::new(&self.device, prepared, &settings)?;
-        let mut first_sample = None;
-        let pixels = u64::from(settings.width) * u64::from(settings.height);
-        let outcome = session.render(|progress| {
-            if progress.samples_done >= pixels {
-                first_sample.get_or_insert(start.elapsed());
-            }
-            ControlFlow::Continue(())
-        })?;
+        let outcome = session.render(|_| ControlFlow::Continue(()))?;
         let mut measured = measurement(&settings, &outcome);
-        measured.start_up_seconds = first_sample.unwrap_or(start.elapsed()).as_secs_f64();
-        measured.pipelines = session
-            .pipeline_times()
-            .map(|(kernel, time)| PipelineBuild {
-                kernel: kernel.to_owned(),
-                cold_seconds: Some(time.as_secs_f64()),
-                cached_seconds: None,
-            })
-            .collect();
+        measured.settings = settings_record(&settings, &outcome.statistics);
         measured.image = Some(outcome.film.mean());
         self.sessions.insert(key, session);
+        if self.start_ups > 0 {
+            self.start_up(&settings, &mut measured);
+        }
         Ok(measured)
+    }
+
+    /// Measures start-up in processes of its own. Without it a comparison is still worth its while.
+    fn start_up(&mut self, settings: &Settings, measured: &mut Measurement) {
+        let path = self.scene.as_ref().and_then(|scene| scene.path.as_deref());
+        match start_up::measure(path, self.picture.device(), settings, self.start_ups) {
+            Ok(start_ups) => {
+                let Contrast { cold, cached } = start_ups.seconds();
+                measured.cold_start_up_seconds = Some(cold.value);
+                measured.cached_start_up_seconds = Some(cached.value);
+                let build = |(kernel, Contrast { cold, cached })| PipelineBuild {
+                    kernel,
+                    cold_seconds: Some(cold.value),
+                    cached_seconds: Some(cached.value),
+                };
+                measured.pipelines = start_ups.pipelines().into_iter().map(build).collect();
+            }
+            Err(error) => {
+                // What failed once would fail again.
+                self.start_ups = 0;
+                if !self.quiet {
+                    eprintln!("warning: start-up and compile times are not measured: {error:#}");
+                }
+            }
+        }
     }
 }
 
@@ -175,6 +199,23 @@ impl Renderer for DeviceRenderer {
     ) -> Result<Measurement, Box<dyn Error + Send + Sync>> {
         self.render(configuration, purpose).map_err(|error| format!("{error:#}").into())
     }
+}
+
+/// The processor, as Linux tells of it.
+fn cpu() -> Option<Cpu> {
+    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let values = |key: &str| {
+        let of_key = move |line: &str| {
+            let (name, value) = line.split_once(':')?;
+            (name.trim() == key).then(|| value.trim().to_owned())
+        };
+        text.lines().filter_map(of_key).collect::<Vec<_>>()
+    };
+    Some(Cpu {
+        model: values("model name").into_iter().next()?,
+        logical_processors: std::thread::available_parallelism().ok()?.get(),
+        megahertz: values("cpu MHz").iter().filter_map(|value| value.parse().ok()).reduce(f64::max),
+    })
 }
 
 /// The settings of a configuration.
@@ -211,7 +252,6 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
 fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
     let statistics = &outcome.statistics;
     let kernels = statistics.kernels();
-    let rank = |kernel: &str| KERNEL_ORDER.iter().position(|name| *name == kernel);
     let mut rows: Vec<_> = kernels
         .iter()
         .map(|(kernel, time)| KernelRow {
@@ -220,10 +260,10 @@ fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
             launches: time.launches,
         })
         .collect();
-    rows.sort_by_key(|row| rank(&row.kernel));
+    rows.sort_by_key(|row| stage(&row.kernel));
     Measurement {
         wall_seconds: statistics.wall_time.as_secs_f64(),
-        gpu_seconds: statistics.gpu_seconds(),
+        gpu_seconds: statistics.gpu_seconds,
         samples: statistics.sample_count,
         nonfinite_samples: statistics.nonfinite_samples.into(),
         rays: Rays { camera: statistics.camera_rays, bounce: statistics.bounce_rays, shadow: statistics.shadow_rays },

@@ -6,10 +6,13 @@
 pub mod compare;
 mod devices;
 pub mod diff;
+mod dump_rays;
 mod info;
 mod measure;
 mod picture;
 mod render;
+mod replay;
+mod start_up;
 
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -20,7 +23,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 
-use crate::gpu::GpuError;
+use crate::gpu::{Device, GpuError, Instance};
 use crate::render::RenderError;
 use crate::scene::Scene;
 use crate::studies::Provenance;
@@ -41,6 +44,11 @@ enum Command {
     Info(info::InfoArguments),
     Diff(diff::DiffArguments),
     Compare(Box<compare::CompareArguments>),
+    StartUp(start_up::StartUpArguments),
+    #[command(hide = true)]
+    FirstSample(start_up::FirstSampleArguments),
+    DumpRays(dump_rays::DumpRaysArguments),
+    Replay(replay::ReplayArguments),
     Gallery(GalleryArguments),
 }
 
@@ -78,10 +86,14 @@ pub fn main() -> ExitCode {
         Command::Info(arguments) => info::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments, |arguments| {
-            let renderer = measure::DeviceRenderer::new(&arguments.picture, arguments.quiet)?;
+            let renderer = measure::DeviceRenderer::new(&arguments.picture, arguments.start_ups, arguments.quiet)?;
             let provenance = Provenance { clocks: arguments.clocks.clone(), ..renderer.sign(compare::provenance()) };
             Ok((Box::new(renderer), provenance))
         }),
+        Command::StartUp(arguments) => start_up::run_command(&arguments),
+        Command::FirstSample(arguments) => start_up::first_sample(&arguments),
+        Command::DumpRays(arguments) => dump_rays::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
         Command::Gallery(GalleryArguments { folder, triangles }) => {
             crate::scene::generate_gallery(&folder, triangles as usize).map_err(Into::into)
         }
@@ -98,7 +110,14 @@ pub fn main() -> ExitCode {
 
 /// 1 where the device failed, 2 where the user can mend it.
 fn exit_code(error: &anyhow::Error) -> ExitCode {
-    let gpu = error.downcast_ref::<GpuError>().or_else(|| match error.downcast_ref::<RenderError>() {
+    if let Some(child) = error.downcast_ref::<start_up::ChildFailed>() {
+        return ExitCode::from(child.code);
+    }
+    let render = error.downcast_ref::<RenderError>();
+    if matches!(render, Some(RenderError::WrongAnswer { .. } | RenderError::Unstable { .. })) {
+        return ExitCode::from(1);
+    }
+    let gpu = error.downcast_ref::<GpuError>().or(match render {
         Some(RenderError::Gpu(gpu)) => Some(gpu),
         _ => None,
     });
@@ -138,6 +157,23 @@ fn load_scene(path: Option<&Path>, quiet: bool) -> anyhow::Result<Scene> {
         }
     }
     Ok(scene)
+}
+
+/// Opens the device of that number or part of a name, or the best one.
+fn open_device(wanted: Option<&str>) -> anyhow::Result<Device> {
+    let instance = Arc::new(Instance::new(false)?);
+    let description = instance.choose(wanted)?;
+    Ok(Device::open_with_cache(&instance, description, cache_folder().as_deref())?)
+}
+
+/// Folder of what a later run can use again; `None` where `RAYWAVE_CACHE` is `off` or nobody has a home.
+fn cache_folder() -> Option<PathBuf> {
+    if std::env::var_os("RAYWAVE_CACHE").is_some_and(|value| value == "off") {
+        return None;
+    }
+    // The XDG base directory specification: a path that is not absolute is ignored.
+    let folder = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    Some(folder("XDG_CACHE_HOME").or_else(|| Some(folder("HOME")?.join(".cache")))?.join("raywave"))
 }
 
 /// Prints data. A reader that has read enough, as `head` does, is no error.

@@ -1,11 +1,10 @@
 //! What picture to make and on which device: the arguments that commands which render share.
 
-use std::sync::Arc;
-
 use clap::ValueEnum;
 
+use super::open_device;
 use crate::bvh::BvhKind;
-use crate::gpu::{Device, Instance};
+use crate::gpu::Device;
 use crate::render::{MAX_MATERIAL_BRANCHES, Scheduler, Settings, Sort};
 use crate::scene::{Integrator, Scene};
 
@@ -147,9 +146,12 @@ impl PictureArguments {
     /// # Errors
     /// No Vulkan, no such device.
     pub fn open_device(&self) -> anyhow::Result<Device> {
-        let instance = Arc::new(Instance::new(false)?);
-        let description = instance.choose(self.device.as_deref())?;
-        Ok(Device::open(&instance, description)?)
+        open_device(self.device())
+    }
+
+    /// The device that is wanted, by number or part of its name.
+    pub fn device(&self) -> Option<&str> {
+        self.device.as_deref()
     }
 }
 

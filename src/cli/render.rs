@@ -9,6 +9,7 @@ use anyhow::{Context, ensure};
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 
+use crate::export::plain;
 use crate::film::{WriteOptions, check_output, write_image};
 use crate::gpu::DeviceDescription;
 use crate::render::{Outcome, PreparedScene, Progress, Session, Settings, Statistics};
@@ -79,7 +80,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
 }
 
 /// Whether two paths whose folders exist name one file, however they are spelled.
-fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
+pub fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
     let folder = |path: &Path| std::path::absolute(path)?.parent().unwrap_or(path).canonicalize();
     Ok(a.file_name() == b.file_name() && folder(a)? == folder(b)?)
 }
@@ -119,40 +120,63 @@ struct Report<'a> {
     exposure: f32,
 }
 
+/// Every setting of a render, snake_case keys with the unit in the name.
+pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<String, Value> {
+    object(json!({
+        "width_pixels": settings.width,
+        "height_pixels": settings.height,
+        "samples_per_pixel": statistics.samples,
+        "integrator": integrator_name(settings.integrator),
+        "max_bounces": settings.max_bounces.map_or(-1, i64::from),
+        "roulette": settings.roulette,
+        "seed": settings.seed,
+        "scheduler": scheduler_name(settings.scheduler),
+        "shading_cost_steps": settings.shading_cost,
+        "material_branches": settings.material_branches,
+        "sort": sort_name(settings.sort),
+        "paths_per_invocation": statistics.paths_per_invocation,
+        "fast_math": settings.fast_math,
+        "paths_in_flight": statistics.paths_in_flight,
+        "workgroup_size_invocations": statistics.workgroup_size,
+        "bvh": bvh_name(settings.bvh),
+        "scene_fetch": if statistics.texel_fetch { "texel" } else { "storage" },
+    }))
+}
+
+/// Every setting of a render and its provenance.
+pub fn record(
+    scene: &Scene,
+    settings: &Settings,
+    device: &DeviceDescription,
+    statistics: &Statistics,
+) -> Map<String, Value> {
+    let mut map = object(json!({
+        "raywave_version": env!("CARGO_PKG_VERSION"),
+        "rustc_version": env!("RAYWAVE_RUSTC_VERSION"),
+        "scene": scene.name,
+        "scene_hash": scene.hash,
+    }));
+    map.extend(settings_record(settings, statistics));
+    map.extend(object(json!({
+        "device": device.name,
+        "device_kind": kind_name(device.kind),
+        "driver": device.driver,
+        "vulkan_version": device.vulkan_version,
+        "subgroup_size_lanes": device.subgroup_size,
+    })));
+    map
+}
+
+fn object(value: Value) -> Map<String, Value> {
+    match value {
+        Value::Object(map) => map,
+        _ => unreachable!("the literals are objects"),
+    }
+}
+
 impl Report<'_> {
-    /// Every setting and the provenance, snake_case keys with the unit in the name.
     fn settings(&self, statistics: &Statistics) -> Map<String, Value> {
-        let settings = self.settings;
-        let Value::Object(map) = json!({
-            "raywave_version": env!("CARGO_PKG_VERSION"),
-            "scene": self.scene.name,
-            "scene_hash": self.scene.hash,
-            "width_pixels": settings.width,
-            "height_pixels": settings.height,
-            "samples_per_pixel": statistics.samples,
-            "integrator": integrator_name(settings.integrator),
-            "max_bounces": settings.max_bounces.map_or(-1, i64::from),
-            "roulette": settings.roulette,
-            "seed": settings.seed,
-            "scheduler": scheduler_name(settings.scheduler),
-            "shading_cost_steps": settings.shading_cost,
-            "material_branches": settings.material_branches,
-            "sort": sort_name(settings.sort),
-            "paths_per_invocation": statistics.paths_per_invocation,
-            "fast_math": settings.fast_math,
-            "paths_in_flight": statistics.paths_in_flight,
-            "workgroup_size_invocations": statistics.workgroup_size,
-            "bvh": bvh_name(settings.bvh),
-            "scene_fetch": if statistics.texel_fetch { "texel" } else { "storage" },
-            "device": self.device.name,
-            "device_kind": kind_name(self.device.kind),
-            "driver": self.device.driver,
-            "vulkan_version": self.device.vulkan_version,
-            "subgroup_size_lanes": self.device.subgroup_size,
-        }) else {
-            unreachable!("the literal is an object")
-        };
-        map
+        record(self.scene, self.settings, self.device, statistics)
     }
 
     fn statistics(&self, outcome: &Outcome) -> Value {
@@ -176,7 +200,7 @@ impl Report<'_> {
             "shadow_rays": statistics.shadow_rays,
             "nonfinite_samples": statistics.nonfinite_samples,
             "wall_seconds": wall,
-            "gpu_seconds": statistics.gpu_seconds(),
+            "gpu_seconds": statistics.gpu_seconds,
             "kernels": kernels,
             "triangles": self.prepared.triangles.len(),
             "bvh_nodes": self.prepared.bvh.node_count(),
@@ -192,7 +216,7 @@ fn write(arguments: &RenderArguments, report: &Report<'_>, outcome: &Outcome) ->
     let metadata: Vec<(String, String)> = report
         .settings(&outcome.statistics)
         .into_iter()
-        .map(|(key, value)| (format!("raywave.{key}"), value.as_str().map_or_else(|| value.to_string(), str::to_owned)))
+        .map(|(key, value)| (format!("raywave.{key}"), plain(&value)))
         .collect();
     let options = WriteOptions { exposure: arguments.exposure, metadata: &metadata };
     write_image(&arguments.output, &outcome.film.mean(), &options)?;

@@ -76,7 +76,10 @@ fn cells(
         ("path_state_bytes", count(typical.as_ref().map(|t| t.path_state_bytes))),
         ("path_state_bytes_per_second", number(combination.path_state_bytes_per_second())),
         ("first_wall_seconds", number(first.as_ref().map(|f| f.wall_seconds))),
-        ("start_up_seconds", number(first.as_ref().map(|f| f.start_up_seconds))),
+        ("cold_start_up_seconds", number(first.as_ref().and_then(|f| f.cold_start_up_seconds))),
+        ("cached_start_up_seconds", number(first.as_ref().and_then(|f| f.cached_start_up_seconds))),
+        ("cold_pipeline_seconds", number(first.as_ref().and_then(|f| f.pipeline_seconds(false)))),
+        ("cached_pipeline_seconds", number(first.as_ref().and_then(|f| f.pipeline_seconds(true)))),
         ("differing_pixel_share", number(combination.verdict.comparison().map(|c| c.share_of_differing_pixels))),
         ("warnings", warnings.join("; ")),
     ]);

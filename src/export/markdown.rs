@@ -1,21 +1,35 @@
 //! Markdown, for issues, notes and commits.
 
-use super::Document;
-use super::numbers::{Unit, count, interval, ratio};
+use serde_json::Value;
+
+use super::numbers::{Unit, count, interval, ratio, seconds};
+use super::{Document, plain};
 use crate::studies::{Clock, CombinationReport, CrossingDirection, SceneReport};
 
 /// A table for each scene, and what to distrust below it.
 pub fn write(document: &Document<'_>) -> String {
     let (provenance, report) = (document.provenance, document.report);
     let mut text = format!(
-        "# raywave compare\n\n{}, {}; raywave {}; {}\n\n",
+        "# raywave compare\n\n{}, {}; raywave {}, built by {}; {}\n\n",
         escape(&provenance.device),
         escape(&provenance.driver),
         provenance.raywave_version,
+        escape(&provenance.rustc_version),
         provenance.date,
     );
+    if let Some(cpu) = &provenance.cpu {
+        text += &format!("Processor: {}\n\n", escape(&cpu.to_string()));
+    }
+    if let Some(clocks) = &provenance.clocks {
+        text += &format!("Clocks: {}\n\n", escape(clocks));
+    }
     if !provenance.command_line.is_empty() {
         text += &format!("    {}\n\n", provenance.command_line.replace('\n', " "));
+    }
+    if !provenance.settings.is_empty() {
+        let setting = |(key, value): (&String, &Value)| format!("{} {}", escape(key), escape(&plain(value)));
+        let settings: Vec<String> = provenance.settings.iter().map(setting).collect();
+        text += &format!("In all of it: {}\n\n", settings.join(", "));
     }
     if !report.complete {
         text += "**The study was not finished; this is what it has so far.**\n\n";
@@ -50,6 +64,7 @@ fn scene_text(scene: &SceneReport) -> String {
     for combination in &scene.combinations {
         text += &row(combination, unit);
     }
+    text += &starts(scene);
     let notes: Vec<String> = scene.combinations.iter().flat_map(notes).collect();
     if !notes.is_empty() {
         text += &format!("\n{}", notes.concat());
@@ -90,6 +105,30 @@ fn row(combination: &CombinationReport, unit: Unit) -> String {
         rate(combination.samples_per_second()),
         rate(combination.rays_per_second()),
     )
+}
+
+/// A table of start-ups, where they were measured.
+fn starts(scene: &SceneReport) -> String {
+    let firsts = scene.combinations.iter().filter_map(|c| Some((c, c.first.as_ref()?)));
+    let measured: Vec<_> = firsts.filter(|(_, first)| first.cold_start_up_seconds.is_some()).collect();
+    if measured.is_empty() {
+        return String::new();
+    }
+    let mut text =
+        "\n| start-up | first render | to first sample, cold | cached | pipelines, cold | cached |\n".to_owned();
+    text += "| :-- | --: | --: | --: | --: | --: |\n";
+    for (combination, first) in measured {
+        let times = [
+            Some(first.wall_seconds),
+            first.cold_start_up_seconds,
+            first.cached_start_up_seconds,
+            first.pipeline_seconds(false),
+            first.pipeline_seconds(true),
+        ];
+        let cells = times.map(|time| time.map_or_else(|| "–".to_owned(), seconds));
+        text += &format!("| {} | {} |\n", escape(&combination.label), cells.join(" | "));
+    }
+    text
 }
 
 fn notes(combination: &CombinationReport) -> Vec<String> {

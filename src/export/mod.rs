@@ -9,11 +9,12 @@ mod error;
 pub mod heatmap;
 mod html;
 mod markdown;
-mod numbers;
+pub(crate) mod numbers;
 
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use serde_json::Value;
 
 pub use error::ExportError;
 pub use html::Page;
@@ -48,6 +49,11 @@ impl Document<'_> {
     pub fn markdown(&self) -> String {
         markdown::write(self)
     }
+}
+
+/// A setting for people: text without quotes.
+pub fn plain(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
 /// What a file holds.

@@ -1,6 +1,7 @@
 //! A logical device with one compute queue and its memory.
 
 use std::mem::ManuallyDrop;
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use ash::vk;
@@ -8,6 +9,7 @@ use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::error::{Action, GpuError};
 use super::instance::{DeviceDescription, Instance};
+use super::pipeline_cache::PipelineCache;
 
 /// A device that can run kernels. Cheap to clone: clones are the same device.
 #[derive(Clone)]
@@ -22,6 +24,7 @@ pub(super) struct Shared {
     pub queue: Mutex<vk::Queue>,
     /// Dropped by hand, before the device.
     pub allocator: ManuallyDrop<Mutex<Allocator>>,
+    pub pipeline_cache: PipelineCache,
     pub description: DeviceDescription,
     pub instance: Arc<Instance>,
 }
@@ -32,6 +35,19 @@ impl Device {
     /// # Errors
     /// When the driver refuses.
     pub fn open(instance: &Arc<Instance>, description: DeviceDescription) -> Result<Self, GpuError> {
+        Self::open_with_cache(instance, description, None)
+    }
+
+    /// Opens a device that keeps its compiled kernels in a folder. The folder is made when there is
+    /// something to keep; where it cannot be read or written, the kernels are compiled anew.
+    ///
+    /// # Errors
+    /// As [`Device::open`].
+    pub fn open_with_cache(
+        instance: &Arc<Instance>,
+        description: DeviceDescription,
+        folder: Option<&Path>,
+    ) -> Result<Self, GpuError> {
         let queues = [vk::DeviceQueueCreateInfo::default()
             .queue_family_index(description.queue_family)
             .queue_priorities(&[1.0])];
@@ -49,9 +65,11 @@ impl Device {
             allocation_sizes: gpu_allocator::AllocationSizes::default(),
         })
         .map_err(|source| GpuError::Allocation { buffer: "the allocator", bytes: 0, source })?;
+        let pipeline_cache = PipelineCache::open(&raw, &description.identity, folder);
         Ok(Self {
             shared: Arc::new(Shared {
                 raw,
+                pipeline_cache,
                 queue: Mutex::new(queue),
                 allocator: ManuallyDrop::new(Mutex::new(allocator)),
                 description,
@@ -77,6 +95,7 @@ impl Drop for Shared {
         // left; the allocator frees its memory before the device goes, and is not used after.
         unsafe {
             ManuallyDrop::drop(&mut self.allocator);
+            self.raw.destroy_pipeline_cache(self.pipeline_cache.raw, None);
             self.raw.destroy_device(None);
         }
     }

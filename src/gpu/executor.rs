@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -67,6 +67,9 @@ pub struct KernelTime {
 
 /// Passes that one command buffer can time.
 const MAX_TIMED_PASSES: u32 = 2048;
+/// Timestamps of a command buffer: its very start, the end of the barrier that opens it, the end of
+/// each pass, and its very end.
+const FIRST_PASS: usize = 2;
 /// Bytes of the buffer that carries data to and from the device.
 const STAGING_BYTES: u64 = 16 << 20;
 /// Submissions that the device may have at once.
@@ -83,6 +86,8 @@ pub struct Executor {
     next_slot: usize,
     staging: Buffer,
     times: BTreeMap<(&'static str, u32), KernelTime>,
+    /// Inside command buffers of recordings, from end to end.
+    seconds: f64,
     access: Access,
     memory_bytes: u64,
     device: Arc<Shared>,
@@ -93,7 +98,7 @@ struct Slot {
     commands: vk::CommandBuffer,
     fence: vk::Fence,
     queries: vk::QueryPool,
-    /// Kernel and bounce of the passes in flight, one per timestamp after the first.
+    /// Kernel and bounce of the passes in flight, one per timestamp from [`FIRST_PASS`] on.
     pending: Option<Vec<(&'static str, u32)>>,
 }
 
@@ -155,6 +160,7 @@ impl Executor {
             next_slot: 0,
             staging,
             times: BTreeMap::new(),
+            seconds: 0.0,
             access,
             memory_bytes: needed,
             device: Arc::clone(shared),
@@ -164,6 +170,7 @@ impl Executor {
             executor.make_buffer(role)?;
         }
         executor.make_sets()?;
+        executor.warm_up()?;
         Ok(executor)
     }
 
@@ -182,7 +189,14 @@ impl Executor {
         &self.times
     }
 
-    /// Time that the driver took to build each kernel, by name.
+    /// Seconds between the start and the end of the command buffers of recordings that have been
+    /// waited for, on the device's clock; 0 where it has none. The kernels' times are parts of it.
+    pub fn device_seconds(&self) -> f64 {
+        self.seconds
+    }
+
+    /// Time that the driver took to build each kernel, by name: to make the pipeline and to launch
+    /// it once, which is when some drivers compile it.
     pub fn pipeline_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.pipelines.build_times()
     }
@@ -190,6 +204,7 @@ impl Executor {
     /// Starts the times and launches anew.
     pub fn forget_times(&mut self) {
         self.times.clear();
+        self.seconds = 0.0;
     }
 
     /// Starts a recording. At most two are under way: a third waits for the first.
@@ -296,7 +311,7 @@ impl Executor {
         for commands in buffers {
             let info = vk::QueryPoolCreateInfo::default()
                 .query_type(vk::QueryType::TIMESTAMP)
-                .query_count(MAX_TIMED_PASSES + 1);
+                .query_count(MAX_TIMED_PASSES + FIRST_PASS as u32 + 1);
             // SAFETY: the infos are complete; `drop` destroys what was made.
             let (fence, queries) = unsafe {
                 (
@@ -365,15 +380,45 @@ impl Executor {
         Ok(())
     }
 
+    /// Makes the driver finish every pipeline by a launch of no workgroup: lavapipe compiles a
+    /// kernel when it is first launched, with its bindings. What the launch took belongs to the
+    /// pipeline's time.
+    fn warm_up(&mut self) -> Result<(), GpuError> {
+        for name in self.pipelines.names() {
+            let (pipeline, _) = self.pipelines.get(name);
+            let (layout, sets) = (self.pipelines.layout, self.sets.clone());
+            let constants = vec![0; self.pipelines.push_constant_size as usize];
+            let start = Instant::now();
+            self.run_once(|device, commands| {
+                let point = vk::PipelineBindPoint::COMPUTE;
+                // SAFETY: pipeline, layout and sets are alive until the executor is dropped.
+                unsafe {
+                    device.cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[]);
+                    device.cmd_bind_pipeline(commands, point, pipeline);
+                    if !constants.is_empty() {
+                        device.cmd_push_constants(commands, layout, vk::ShaderStageFlags::COMPUTE, 0, &constants);
+                    }
+                    device.cmd_dispatch(commands, 0, 1, 1);
+                }
+            })?;
+            self.pipelines.add_time(name, start.elapsed());
+        }
+        self.device.pipeline_cache.save(&self.device.raw);
+        Ok(())
+    }
+
     /// Records passes into a free slot.
     fn record(&mut self, slot: usize, passes: &[Pass]) -> Result<(), GpuError> {
         let device = &self.device.raw;
         let Slot { commands, queries, .. } = self.slots[slot];
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        let timestamps = (FIRST_PASS + passes.len() + 1) as u32;
         // SAFETY: the slot is free; sets, layout and pool are alive until the executor is dropped.
+        // The pool has room for as many passes as a submission has, here and below.
         unsafe {
             device.begin_command_buffer(commands, &begin).during("recording commands")?;
-            device.cmd_reset_query_pool(commands, queries, 0, passes.len() as u32 + 1);
+            device.cmd_reset_query_pool(commands, queries, 0, timestamps);
+            device.cmd_write_timestamp(commands, vk::PipelineStageFlags::TOP_OF_PIPE, queries, 0);
             device.cmd_bind_descriptor_sets(
                 commands,
                 vk::PipelineBindPoint::COMPUTE,
@@ -387,8 +432,8 @@ impl Executor {
         self.barrier(commands);
         let mut hazards = Hazards::default();
         let mut kernels = Vec::with_capacity(passes.len());
-        // SAFETY: the pool has a query for every pass and one more.
-        unsafe { device.cmd_write_timestamp(commands, vk::PipelineStageFlags::BOTTOM_OF_PIPE, queries, 0) };
+        // SAFETY: as above.
+        unsafe { device.cmd_write_timestamp(commands, vk::PipelineStageFlags::BOTTOM_OF_PIPE, queries, 1) };
         for pass in passes {
             let (Pass::Dispatch { kernel, batch, .. } | Pass::DispatchIndirect { kernel, batch, .. }) = pass;
             let (pipeline, variant) = self.pipelines.get(kernel);
@@ -399,13 +444,17 @@ impl Executor {
                 self.barrier(commands);
             }
             let constants = bytemuck::bytes_of(batch);
-            assert_eq!(constants.len() as u32, self.pipelines.push_constant_size, "{kernel} takes a batch");
+            let takes = self.pipelines.push_constant_size;
+            assert!(takes == 0 || takes == constants.len() as u32, "{kernel} takes a batch or nothing");
             kernels.push((*kernel, batch.bounce));
             // SAFETY: the pipeline belongs to the layout that is bound; indirect arguments lie in
             // `control`, which has indirect usage; the query index is within the pool.
             unsafe {
                 device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline);
-                device.cmd_push_constants(commands, self.pipelines.layout, vk::ShaderStageFlags::COMPUTE, 0, constants);
+                if takes > 0 {
+                    let stages = vk::ShaderStageFlags::COMPUTE;
+                    device.cmd_push_constants(commands, self.pipelines.layout, stages, 0, constants);
+                }
                 match pass {
                     Pass::Dispatch { groups, .. } => device.cmd_dispatch(commands, *groups, 1, 1),
                     Pass::DispatchIndirect { arguments, .. } => {
@@ -416,13 +465,17 @@ impl Executor {
                     commands,
                     vk::PipelineStageFlags::BOTTOM_OF_PIPE,
                     queries,
-                    kernels.len() as u32,
+                    (FIRST_PASS + kernels.len()) as u32 - 1,
                 );
             }
         }
         self.barrier(commands);
-        // SAFETY: recording was begun above.
-        unsafe { device.end_command_buffer(commands) }.during("recording commands")?;
+        // SAFETY: as above; recording was begun there.
+        unsafe {
+            device.cmd_write_timestamp(commands, vk::PipelineStageFlags::BOTTOM_OF_PIPE, queries, timestamps - 1);
+            device.end_command_buffer(commands)
+        }
+        .during("recording commands")?;
         self.slots[slot].pending = Some(kernels);
         Ok(())
     }
@@ -484,15 +537,17 @@ impl Executor {
             }
             return Ok(());
         }
-        let mut ticks = vec![0_u64; kernels.len() + 1];
+        let mut ticks = vec![0_u64; FIRST_PASS + kernels.len() + 1];
         // SAFETY: the commands that wrote these queries are complete.
         unsafe { self.device.raw.get_query_pool_results(queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) }
             .during("reading timestamps")?;
         let mask = u64::MAX >> (64 - self.device.description.timestamp_bits.clamp(1, 64));
         let seconds_per_tick = f64::from(self.device.description.timestamp_period) * 1e-9;
-        for (kernel, pair) in kernels.into_iter().zip(ticks.windows(2)) {
+        let seconds = |from: u64, to: u64| (to.wrapping_sub(from) & mask) as f64 * seconds_per_tick;
+        self.seconds += seconds(ticks[0], ticks[ticks.len() - 1]);
+        for (kernel, pair) in kernels.into_iter().zip(ticks[FIRST_PASS - 1..].windows(2)) {
             let time = self.times.entry(kernel).or_default();
-            time.seconds += (pair[1].wrapping_sub(pair[0]) & mask) as f64 * seconds_per_tick;
+            time.seconds += seconds(pair[0], pair[1]);
             time.launches += 1;
         }
         Ok(())

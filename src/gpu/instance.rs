@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 use ash::{ext, vk};
 
 use super::error::{Action, GpuError};
+use super::pipeline_cache::Identity;
 
 /// Layer that checks every call.
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -66,6 +67,7 @@ pub struct DeviceDescription {
     pub timestamp_period: f32,
     /// Why it cannot be used, if it cannot.
     pub unusable: Option<String>,
+    pub(super) identity: Identity,
     pub(super) queue_family: u32,
     pub(super) timestamp_bits: u32,
 }
@@ -246,6 +248,12 @@ impl Instance {
                 .unwrap_or(0),
             timestamp_period: core.limits.timestamp_period,
             unusable,
+            identity: Identity {
+                vendor: core.vendor_id,
+                device: core.device_id,
+                driver_version: core.driver_version,
+                uuid: core.pipeline_cache_uuid,
+            },
             queue_family: family.unwrap_or(0) as u32,
             timestamp_bits: family.map_or(0, |index| families[index].timestamp_valid_bits),
         }

@@ -10,6 +10,7 @@ mod error;
 mod executor;
 mod instance;
 mod pipeline;
+mod pipeline_cache;
 
 pub use device::Device;
 pub use error::GpuError;

@@ -18,6 +18,7 @@ pub(super) struct Pipelines {
     pub set_layouts: Vec<vk::DescriptorSetLayout>,
     /// Union of the kernels' bindings, by set and binding.
     pub bindings: BTreeMap<(u32, u32), Binding>,
+    /// The most that a kernel declares; 0 where none does.
     pub push_constant_size: u32,
     kernels: BTreeMap<&'static str, Built>,
     device: Arc<Shared>,
@@ -65,6 +66,18 @@ impl Pipelines {
         (built.pipeline, built.variant)
     }
 
+    /// The kernels.
+    pub fn names(&self) -> Vec<&'static str> {
+        self.kernels.keys().copied().collect()
+    }
+
+    /// Adds what came after the pipeline was made to the time of a kernel.
+    pub fn add_time(&mut self, name: &str, time: Duration) {
+        if let Some(built) = self.kernels.get_mut(name) {
+            built.time += time;
+        }
+    }
+
     /// Time that each kernel took to build.
     pub fn build_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.kernels.iter().map(|(name, built)| (*name, built.time))
@@ -91,8 +104,10 @@ impl Pipelines {
                 .during("making a descriptor set layout")?;
             self.set_layouts.push(layout);
         }
-        let ranges =
-            [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(self.push_constant_size)];
+        let range =
+            vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(self.push_constant_size);
+        // Where no kernel reads any, there is no range: an empty one is not allowed.
+        let ranges: Vec<_> = (self.push_constant_size > 0).then_some(range).into_iter().collect();
         let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&self.set_layouts).push_constant_ranges(&ranges);
         // SAFETY: the set layouts are alive.
         self.layout =
@@ -118,7 +133,7 @@ impl Pipelines {
             .specialization_info(&constants);
         let infos = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout)];
         // SAFETY: module and layout are alive, and the layout holds every binding of the kernel.
-        let built = unsafe { self.device.raw.create_compute_pipelines(vk::PipelineCache::null(), &infos, None) };
+        let built = unsafe { self.device.raw.create_compute_pipelines(self.device.pipeline_cache.raw, &infos, None) };
         // SAFETY: a pipeline does not need its module once it is built.
         unsafe { self.device.raw.destroy_shader_module(module, None) };
         built.map(|pipelines| pipelines[0]).map_err(|(_, result)| GpuError::Pipeline { kernel: name, result })

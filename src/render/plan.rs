@@ -73,6 +73,8 @@ impl Plan {
     /// Samples of a pixel in one batch, at most: resolve loops over them, and lavapipe leaves an
     /// invocation's loops after 65 535 rounds without a word.
     const SAMPLES_AT_ONCE: u32 = 1 << 15;
+    /// Rays of a replay in one launch, at most: enough to keep any device busy, and 56 bytes each.
+    const REPLAYED_RAYS: u32 = 1 << 22;
 
     /// Paths of an invocation where the user does not say and the device is software: 4 to 14 %
     /// faster than one, and more of them gain little more.
@@ -117,6 +119,18 @@ impl Plan {
         let vertices = settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1));
         let turns = vertices.saturating_mul(2 * 4 * depth.max(1) + settings.shading_cost);
         (Self::LOOP_TURNS / turns).clamp(1, Self::SOFTWARE_PATHS_PER_INVOCATION)
+    }
+
+    /// Computes the sizes of a replay of `rays` rays, each with `stack_bytes` of traversal stack beyond registers. What
+    /// does not fit the device's buffers or one dispatch follows in further launches.
+    pub fn of_replay(settings: &Settings, device: &DeviceLimits, rays: u64, stack_bytes: u64) -> Self {
+        let workgroup_size = settings.workgroup_size.unwrap_or(256).min(device.max_workgroup_size);
+        let by_dispatch = u64::from(device.max_workgroups) * u64::from(workgroup_size);
+        let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES.max(stack_bytes);
+        let wanted = u64::from(settings.in_flight.unwrap_or(Self::REPLAYED_RAYS));
+        let path_capacity = wanted.min(by_dispatch).min(by_buffer).min(rays).max(1) as u32;
+        // There is no film.
+        Self { pixels: 0, path_capacity, workgroup_size, paths_per_invocation: 1 }
     }
 
     /// Workgroups that cover `items` invocations.
@@ -204,6 +218,20 @@ mod tests {
         let narrow = DeviceLimits { max_workgroups: 100, ..DEVICE };
         let plan = Plan::new(&settings(1024, 1024, 1, None), 8, &narrow).unwrap();
         assert_eq!(plan.path_capacity, 100 * 256);
+    }
+
+    #[test]
+    fn a_replay_fits_dispatch_and_buffers() {
+        let capacity = |in_flight, device, rays, stack_bytes| {
+            Plan::of_replay(&settings(1, 1, 1, in_flight), device, rays, stack_bytes).path_capacity
+        };
+        assert_eq!(capacity(None, &DEVICE, 1000, 0), 1000);
+        assert_eq!(capacity(Some(64), &DEVICE, 1000, 0), 64);
+        assert_eq!(capacity(None, &DEVICE, u64::MAX, 0), Plan::REPLAYED_RAYS);
+        assert_eq!(capacity(Some(u32::MAX), &DEVICE, u64::MAX, 0), (1 << 27) / STATE_BYTES as u32);
+        assert_eq!(capacity(None, &DEVICE, u64::MAX, 96), (1 << 27) / 96);
+        let narrow = DeviceLimits { max_workgroups: 100, ..DEVICE };
+        assert_eq!(capacity(None, &narrow, u64::MAX, 96), 100 * 256);
     }
 
     #[test]

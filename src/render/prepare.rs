@@ -51,6 +51,8 @@ pub struct PreparedScene {
     pub light_area: f64,
     /// What the scene needs of the kernels.
     pub features: Features,
+    /// How its positions came from the world's.
+    pub normalisation: Normalisation,
     frame: Frame,
 }
 
@@ -79,9 +81,11 @@ pub struct Features {
 
 /// From world to normalised space: bounds to [-1, 1]³, by a power of two so that it is exact.
 #[derive(Debug, Clone, Copy)]
-struct Normalisation {
-    centre: DVec3,
-    scale: f64,
+pub struct Normalisation {
+    /// Middle of the scene's bounds, world units.
+    pub centre: DVec3,
+    /// Normalised lengths of a world unit, a power of two: normalised = (world - centre) · scale.
+    pub scale: f64,
 }
 
 impl Normalisation {
@@ -181,6 +185,7 @@ impl PreparedScene {
             environment_aliases,
             light_area,
             features,
+            normalisation,
             frame,
         })
     }

@@ -32,6 +32,25 @@ pub enum RenderError {
         "the driver leaves a kernel's loops before their end, so the image would be wrong; use --scheduler wavefront, or fewer bounces"
     )]
     CutLoops,
+    #[error("the megakernel keeps no queues, so there are no rays to dump; use --scheduler wavefront")]
+    NoQueues,
+    #[error("there are no {rays} rays at bounce {bounce}{}", of_last(*last))]
+    NoRays { rays: &'static str, bounce: u32, last: Option<u32> },
+    #[error(
+        "ray {ray} of the dump: {kernel} finds {found} where the CPU finds {expected}, so its speed means nothing; report this with device and driver"
+    )]
+    WrongAnswer { ray: u64, kernel: &'static str, found: String, expected: String },
+    #[error("ray {ray} of the dump: {kernel} finds {first} and, when run again, {again}; the device cannot be trusted")]
+    Unstable { ray: u64, kernel: &'static str, first: String, again: String },
+}
+
+/// Where there are rays, for a message. The camera's are always there.
+fn of_last(last: Option<u32>) -> String {
+    match last {
+        Some(0) => "; there are some at bounce 0".to_owned(),
+        Some(last) => format!("; there are some up to bounce {last}"),
+        None => ", nor before it; they need --integrator explicit and a light".to_owned(),
+    }
 }
 
 /// How far a render is.
@@ -73,6 +92,9 @@ pub struct Statistics {
     pub nonfinite_samples: u32,
     /// From the first batch to the last.
     pub wall_time: Duration,
+    /// Inside the command buffers of the batches, from end to end, on the device's clock; 0 where it
+    /// has none.
+    pub gpu_seconds: f64,
     /// Time and launches by kernel and bounce.
     pub passes: BTreeMap<(&'static str, u32), KernelTime>,
     /// Rays by bounce; the last entry takes all that follow. The megakernel counts all of its rays
@@ -107,11 +129,6 @@ impl Statistics {
         self.camera_rays + self.bounce_rays + self.shadow_rays
     }
 
-    /// Sum of the kernels' times.
-    pub fn gpu_seconds(&self) -> f64 {
-        self.passes.values().map(|time| time.seconds).sum()
-    }
-
     /// Time and launches by kernel.
     pub fn kernels(&self) -> BTreeMap<&'static str, KernelTime> {
         let mut kernels: BTreeMap<_, KernelTime> = BTreeMap::new();
@@ -133,9 +150,9 @@ const COUNT_INTERVAL: Duration = Duration::from_millis(250);
 
 /// A scene on a device, ready to render.
 pub struct Session {
-    executor: Executor,
-    plan: Plan,
-    settings: Settings,
+    pub(super) executor: Executor,
+    pub(super) plan: Plan,
+    pub(super) settings: Settings,
     counting: bool,
 }
 
@@ -158,38 +175,12 @@ impl Session {
         settings: &Settings,
         options: SessionOptions,
     ) -> Result<Self, RenderError> {
-        let description = device.description();
-        let limits = DeviceLimits {
-            max_workgroup_size: description.max_workgroup_size,
-            max_workgroups: description.max_workgroups,
-            max_storage_buffer_bytes: description.max_storage_buffer_bytes,
-            software: description.kind == DeviceKind::Cpu,
-        };
-        let plan = Plan::new(settings, scene.bvh.depth, &limits)?;
-        let frame = scene.frame(settings, plan.path_capacity);
+        let plan = Plan::new(settings, scene.bvh.depth, &limits(device))?;
         let names = match settings.scheduler {
             Scheduler::Wavefront => wavefront::kernels(settings.sort),
             Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
         };
-        let edition = match (options.counting, settings.fast_math) {
-            (true, _) => Edition::Counting,
-            (false, true) => Edition::FastMath,
-            (false, false) => Edition::Exact,
-        };
-        let kernels: Vec<_> = names.iter().map(|name| shaders::kernel(name)).collect();
-        let executor = Executor::new(
-            device,
-            ExecutorDescription {
-                kernels: &kernels,
-                specialization: &scene.specialization(settings, &plan),
-                buffers: scene_buffers(scene, &frame)
-                    .chain(path_buffers(&plan, settings.sort, scene.stack_bytes(plan.path_capacity)))
-                    .filter(|buffer| kernels.iter().any(|kernel| kernel.binds(edition, buffer.name)))
-                    .collect(),
-                access: options.access,
-                edition,
-            },
-        )?;
+        let executor = open_executor(device, scene, settings, &plan, &names, options)?;
         Ok(Self { executor, plan, settings: *settings, counting: options.counting })
     }
 
@@ -237,7 +228,7 @@ impl Session {
     }
 
     /// Starts the sums and counts anew.
-    fn clear(&mut self) -> Result<(), GpuError> {
+    pub(super) fn clear(&mut self) -> Result<(), GpuError> {
         self.executor.clear("film")?;
         self.executor.clear("ray_counts")?;
         if self.counting {
@@ -283,7 +274,7 @@ impl Session {
         self.executor.submit(&recording)
     }
 
-    fn control(&mut self) -> Result<Control, GpuError> {
+    pub(super) fn control(&mut self) -> Result<Control, GpuError> {
         Ok(bytemuck::pod_read_unaligned(&self.executor.read("control")?))
     }
 
@@ -310,6 +301,7 @@ impl Session {
             shadow_rays,
             nonfinite_samples: control.nonfinite_samples,
             wall_time,
+            gpu_seconds: self.executor.device_seconds(),
             passes: self.executor.kernel_times().clone(),
             ray_counts,
             memory_bytes: self.executor.memory_bytes(),
@@ -332,6 +324,48 @@ impl Session {
         };
         Ok(Outcome { film, statistics })
     }
+}
+
+/// What a plan must know of a device.
+pub(super) fn limits(device: &Device) -> DeviceLimits {
+    let description = device.description();
+    DeviceLimits {
+        max_workgroup_size: description.max_workgroup_size,
+        max_workgroups: description.max_workgroups,
+        max_storage_buffer_bytes: description.max_storage_buffer_bytes,
+        software: description.kind == DeviceKind::Cpu,
+    }
+}
+
+/// Builds the kernels of those names, with the buffers that they bind.
+pub(super) fn open_executor(
+    device: &Device,
+    scene: &PreparedScene,
+    settings: &Settings,
+    plan: &Plan,
+    names: &[&str],
+    options: SessionOptions,
+) -> Result<Executor, GpuError> {
+    let edition = match (options.counting, settings.fast_math) {
+        (true, _) => Edition::Counting,
+        (false, true) => Edition::FastMath,
+        (false, false) => Edition::Exact,
+    };
+    let frame = scene.frame(settings, plan.path_capacity);
+    let kernels: Vec<_> = names.iter().map(|name| shaders::kernel(name)).collect();
+    Executor::new(
+        device,
+        ExecutorDescription {
+            kernels: &kernels,
+            specialization: &scene.specialization(settings, plan),
+            buffers: scene_buffers(scene, &frame)
+                .chain(path_buffers(plan, settings.sort, scene.stack_bytes(plan.path_capacity)))
+                .filter(|buffer| kernels.iter().any(|kernel| kernel.binds(edition, buffer.name)))
+                .collect(),
+            access: options.access,
+            edition,
+        },
+    )
 }
 
 /// Rays after the camera's, and shadow rays, over all bounces.

@@ -1,5 +1,6 @@
 //! What to render and how, resolved from scene file and command line.
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::bvh::BvhKind;
@@ -29,7 +30,7 @@ pub enum SettingsError {
 }
 
 /// Settings of a render. All of them are in its metadata.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Image width in pixels, at least 1.
     pub width: u32,
@@ -72,7 +73,7 @@ pub struct Settings {
 }
 
 /// The order in which the wavefront shades.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sort {
     /// As the rays were queued.
     None,
@@ -81,7 +82,7 @@ pub enum Sort {
 }
 
 /// How the work is cut into kernels. The image is the same to the last bit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Scheduler {
     /// A kernel a stage, queues between them.
     Wavefront,

@@ -18,6 +18,7 @@ mod text;
 use std::path::PathBuf;
 
 use glam::{DVec3, Vec2, Vec3};
+use serde::{Deserialize, Serialize};
 
 pub use error::{Place, SceneError};
 pub use generate::generate_gallery;
@@ -104,7 +105,7 @@ impl Default for RenderDefaults {
 }
 
 /// How light is gathered along a path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Integrator {
     /// BRDF importance sampling alone: a path counts when it finds a light.
     Implicit,

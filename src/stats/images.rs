@@ -33,8 +33,10 @@ pub struct ImageComparison {
     pub height: u32,
     /// Pixels that entered `whole` and `channels`: those finite in every channel of both images.
     pub compared_pixels: u64,
-    /// Share of all pixels, in [0, 1], that differ in any bit of any channel. Zeros of unlike sign
-    /// differ, NaNs of like bits do not.
+    /// Pixels that agree in every bit of every channel. Zeros of unlike sign differ, NaNs of like
+    /// bits do not.
+    pub identical_pixels: u64,
+    /// Share of all pixels, in [0, 1], that are not identical.
     pub share_of_differing_pixels: f64,
     /// Pixels of the image that are not finite.
     pub non_finite_a: NonFinite,
@@ -93,14 +95,15 @@ pub fn compare_images(a: &Image, b: &Image) -> Result<ImageComparison, SizesDiff
         return Err(SizesDiffer { a: size_a, b: size_b });
     }
     let pairs = || a.pixels.iter().zip(&b.pixels);
-    let differing = pairs().filter(|(a, b)| bits(**a) != bits(**b)).count();
+    let identical = pairs().filter(|(a, b)| bits(**a) == bits(**b)).count();
     let finite = || pairs().filter(|(a, b)| a.is_finite() && b.is_finite()).map(|(a, b)| (a.as_dvec3(), b.as_dvec3()));
     let channel = |i: usize| Differences::of(finite().map(|(a, b)| ([a[i]], [b[i]])));
     Ok(ImageComparison {
         width: a.width,
         height: a.height,
         compared_pixels: finite().count() as u64,
-        share_of_differing_pixels: differing as f64 / a.pixels.len() as f64,
+        identical_pixels: identical as u64,
+        share_of_differing_pixels: (a.pixels.len() - identical) as f64 / a.pixels.len() as f64,
         non_finite_a: NonFinite::of(a),
         non_finite_b: NonFinite::of(b),
         whole: Differences::of(finite().map(|(a, b)| (a.to_array(), b.to_array()))),

@@ -4,6 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use serde::{Serialize, Serializer};
+use serde_json::{Map, Value};
 
 use super::crossover::{Crossover, crossovers};
 use super::measurement::{Measurement, SceneFacts, WorkCounters};
@@ -208,6 +209,17 @@ impl Report {
             seed: study.seed,
             scenes: Vec::new(),
         }
+    }
+
+    /// The settings that all combinations of all scenes share, as far as they were rendered.
+    pub fn shared_settings(&self) -> Map<String, Value> {
+        let firsts = self.scenes.iter().flat_map(|scene| &scene.combinations).filter_map(|c| c.first.as_ref());
+        let mut all = firsts.map(|first| &first.settings);
+        let mut shared = all.next().cloned().unwrap_or_default();
+        for settings in all {
+            shared.retain(|key, value| settings.get(key) == Some(value));
+        }
+        shared
     }
 
     /// Whether any combination's image is wrong.

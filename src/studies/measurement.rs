@@ -1,6 +1,7 @@
 //! What a study asks of a renderer, and what it gets.
 
 use std::error::Error;
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -12,8 +13,8 @@ use crate::film::Image;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
     /// The first render of this scene and configuration: builds what it needs, reports
-    /// [`Measurement::pipelines`] and [`Measurement::start_up_seconds`], and hands over the image.
-    /// Its times are reported apart and enter no statistic.
+    /// [`Measurement::settings`], [`Measurement::pipelines`] and the time of start-up, and hands over
+    /// the image. Its times are reported apart and enter no statistic.
     First,
     /// A render that is timed. Whatever the first one has built is kept.
     Timed,
@@ -81,10 +82,32 @@ pub struct Provenance {
     pub vulkan_version: String,
     /// Lanes of a subgroup.
     pub subgroup_size_lanes: u32,
+    /// Version of the compiler that built raywave.
+    pub rustc_version: String,
+    /// The processor, where it is the device and the system tells.
+    pub cpu: Option<Cpu>,
     /// Clocks and power limits, where the user told them.
     pub clocks: Option<String>,
     /// Settings that all configurations share, snake_case keys with the unit in the name.
     pub settings: Map<String, Value>,
+}
+
+/// A processor.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Cpu {
+    /// Its name.
+    pub model: String,
+    /// Logical processors that this process may use.
+    pub logical_processors: usize,
+    /// The fastest one's clock when the study began, where the system tells.
+    pub megahertz: Option<f64>,
+}
+
+impl fmt::Display for Cpu {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}, {} logical processors", self.model, self.logical_processors)?;
+        self.megahertz.map_or(Ok(()), |megahertz| write!(f, ", {megahertz:.0} MHz"))
+    }
 }
 
 /// What one render cost. Numbers that a renderer does not know stay at their default.
@@ -104,11 +127,17 @@ pub struct Measurement {
     pub kernels: Vec<KernelRow>,
     /// Each kernel of each bounce.
     pub bounces: Vec<BounceRow>,
+    /// Every setting, with those that the renderer chose: snake_case keys with the unit in the name;
+    /// of the first render alone.
+    pub settings: Map<String, Value>,
     /// Compile time of each pipeline; of the first render alone.
     pub pipelines: Vec<PipelineBuild>,
-    /// From an open device to the end of the first sample, pipelines and upload included; of the
-    /// first render alone.
-    pub start_up_seconds: f64,
+    /// From the start of a process to the end of its first sample of every pixel, by this
+    /// configuration and without any cache of compiled kernels: the median of several processes. Of
+    /// the first render alone; `None` where that was not tried.
+    pub cold_start_up_seconds: Option<f64>,
+    /// As [`Measurement::cold_start_up_seconds`], with every cache filled by a process before.
+    pub cached_start_up_seconds: Option<f64>,
     /// Device memory.
     pub memory_bytes: u64,
     /// Path state read and written by all kernels, by the sizes of the records and the items of
@@ -119,6 +148,16 @@ pub struct Measurement {
     /// The image. The first render must have it; where another render has one, it is checked too.
     #[serde(skip)]
     pub image: Option<Image>,
+}
+
+impl Measurement {
+    /// Compile time of all pipelines, one after the other, with cold or with filled caches; `None`
+    /// where that was not tried.
+    pub fn pipeline_seconds(&self, cached: bool) -> Option<f64> {
+        let seconds = |build: &PipelineBuild| if cached { build.cached_seconds } else { build.cold_seconds };
+        let known: Vec<f64> = self.pipelines.iter().filter_map(seconds).collect();
+        (!known.is_empty()).then(|| known.iter().sum())
+    }
 }
 
 /// Rays traced, by class.
@@ -163,14 +202,15 @@ pub struct BounceRow {
     pub items: u64,
 }
 
-/// How long a pipeline took to build.
+/// How long a pipeline took to build: to be made, and to be launched once without any work, which
+/// is when some drivers compile it. Medians of several processes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct PipelineBuild {
     /// The kernel's name.
     pub kernel: String,
-    /// With empty caches; `None` where that was not tried.
+    /// Without any cache; `None` where that was not tried.
     pub cold_seconds: Option<f64>,
-    /// From the pipeline cache; `None` where that was not tried.
+    /// With every cache filled; `None` where that was not tried.
     pub cached_seconds: Option<f64>,
 }
 

@@ -19,7 +19,7 @@ pub use crossover::{Crossing, CrossingDirection, Crossover, CrossoverPoint, find
 pub use error::StudyError;
 pub use factorial::{Configuration, Design, FACTORS, Factor, FactorKind, Levels, Role, parse_count};
 pub use measurement::{
-    BounceRow, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts, StageWork,
+    BounceRow, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts, StageWork,
     WorkCounters,
 };
 pub use noise::{modified_z_scores, outliers, rank_correlation, trend};

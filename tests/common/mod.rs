@@ -4,6 +4,7 @@
 pub mod meshes;
 pub mod optics;
 pub mod probe;
+pub mod reference_path;
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};

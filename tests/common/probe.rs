@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3, Vec4};
+use raywave::bvh::BvhKind;
 use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription};
 use raywave::layout::Batch;
 use raywave::recording::Recording;
@@ -27,9 +28,13 @@ pub struct Bench {
 
 impl Bench {
     pub fn new(device: &Device, scene: &Scene) -> Self {
+        Self::with_bvh(device, scene, BvhKind::Bvh2)
+    }
+
+    pub fn with_bvh(device: &Device, scene: &Scene, kind: BvhKind) -> Self {
         Self {
             device: device.clone(),
-            scene: PreparedScene::new(scene).expect("the scene fits"),
+            scene: PreparedScene::with_bvh(scene, kind).expect("the scene fits"),
             settings: Settings::of(scene),
             access: None,
         }

@@ -123,7 +123,6 @@ fn cost(configuration: &Configuration, purpose: Purpose, wall_seconds: f64) -> M
         samples: 1_048_576,
         rays,
         memory_bytes: 190 << 20,
-        start_up_seconds: 0.31,
         ..Measurement::default()
     };
     let kernel = |kernel: &str, share: f64, launches| KernelRow {
@@ -164,6 +163,10 @@ fn cost(configuration: &Configuration, purpose: Purpose, wall_seconds: f64) -> M
             cached_seconds: Some(0.002),
         };
         measurement.pipelines = measurement.kernels.iter().map(build).collect();
+        measurement.cold_start_up_seconds = Some(0.61);
+        measurement.cached_start_up_seconds = Some(0.29);
+        let varied = configuration.iter().map(|(factor, level)| (factor.to_owned(), level.into()));
+        measurement.settings = varied.chain([("max_bounces".to_owned(), 8.into())]).collect();
     }
     measurement
 }

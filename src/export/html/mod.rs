@@ -16,8 +16,8 @@ use self::pictures::Pictures;
 use self::plots::{KernelColours, RatioRow, crossing_text};
 use self::svg::escape;
 use self::table::{Cell, table};
-use super::Document;
 use super::numbers::{Unit, bytes, grouped, power_of_ten, seconds, significant};
+use super::{Document, plain};
 use crate::film::Image;
 use crate::studies::{Clock, CombinationReport, Measurement, Report, SceneReport, StageWork, Verdict};
 
@@ -520,28 +520,30 @@ fn starts(report: &Report) -> String {
         &[
             ("first render", ""),
             ("over the median", "×"),
-            ("start-up to first sample", ""),
+            ("start-up, cold", ""),
+            ("start-up, cached", ""),
             ("pipelines, cold", ""),
             ("pipelines, cached", ""),
         ],
     );
     let rows = rows(report, |_, c| {
         let first = c.first.as_ref();
-        let build = |pick: fn(&crate::studies::PipelineBuild) -> Option<f64>| {
-            let builds = first.map(|first| first.pipelines.iter().filter_map(pick).sum::<f64>());
-            Cell::number(builds.filter(|s| *s > 0.0), seconds)
-        };
+        let time = |pick: fn(&Measurement) -> Option<f64>| Cell::number(first.and_then(pick), seconds);
         let slower = first.and_then(|first| Some(first.wall_seconds / c.seconds?.value));
         vec![
             Cell::number(first.map(|f| f.wall_seconds), seconds),
             Cell::number(slower, |v| format!("{v:.2}")),
-            Cell::number(first.map(|f| f.start_up_seconds).filter(|s| *s > 0.0), seconds),
-            build(|p| p.cold_seconds),
-            build(|p| p.cached_seconds),
+            time(|f| f.cold_start_up_seconds),
+            time(|f| f.cached_start_up_seconds),
+            time(|f| f.pipeline_seconds(false)),
+            time(|f| f.pipeline_seconds(true)),
         ]
     });
     format!(
-        "<section id=\"start-up\"><h2>Start-up</h2>\n<p>First renders are in no statistic above.</p>\n{}</section>\n",
+        "<section id=\"start-up\"><h2>Start-up</h2>\n<p>First renders are in no statistic above. \
+         Start-up runs from the start of a process to the end of its first sample, pipelines until they have been \
+         launched once; both by processes of their own, without any cache of compiled kernels and with all of them \
+         filled.</p>\n{}</section>\n",
         table("Start-up of all combinations", &columns, &rows)
     )
 }
@@ -588,16 +590,18 @@ fn provenance(document: &Document<'_>) -> String {
         ("command".into(), provenance.command_line.clone()),
         ("date".into(), provenance.date.clone()),
         ("raywave".into(), provenance.raywave_version.clone()),
+        ("built by".into(), provenance.rustc_version.clone()),
         ("device".into(), format!("{} ({})", provenance.device, provenance.device_kind)),
         ("driver".into(), provenance.driver.clone()),
         ("Vulkan".into(), provenance.vulkan_version.clone()),
         ("subgroup".into(), format!("{} lanes", provenance.subgroup_size_lanes)),
+        ("processor".into(), provenance.cpu.as_ref().map_or_else(String::new, ToString::to_string)),
         ("clocks".into(), provenance.clocks.clone().unwrap_or_else(|| "not told".to_owned())),
         ("baseline".into(), report.baseline.to_string()),
         ("method".into(), method),
     ];
     for (key, value) in &provenance.settings {
-        entries.push((key.clone(), value.as_str().map_or_else(|| value.to_string(), str::to_owned)));
+        entries.push((key.clone(), plain(value)));
     }
     for scene in &report.scenes {
         entries.push((format!("hash of {}", scene.facts.scene), scene.facts.scene_hash.clone()));

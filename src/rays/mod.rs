@@ -1,0 +1,178 @@
+//! Ray dumps: the rays of one bounce as a file, so that traversal can be studied without a renderer.
+//!
+//! This room owns the file format, which `docs/ray-dumps.md` describes, and its errors. It knows nothing of BVHs or of
+//! the GPU: a triangle is told by its index in the scene, so a dump outlives every change of how scenes are laid out.
+
+mod error;
+mod file;
+
+use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
+
+pub use error::{Fault, RaysError};
+
+use crate::constants::NO_TRIANGLE;
+
+/// Rays with all that is needed to trace them elsewhere.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RayDump {
+    /// What they are.
+    pub metadata: Metadata,
+    /// As many as the metadata says, at least 1.
+    pub rays: Vec<RayRecord>,
+}
+
+/// A ray of normalised space (the scene's bounds fit [-1, 1]³). 32 bytes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct RayRecord {
+    /// Start. Finite.
+    pub origin: [f32; 3],
+    /// Triangle that the origin lies on, which the ray cannot hit, in the scene's order; or `NO_TRIANGLE`.
+    pub leaves: u32,
+    /// Direction; distances are in its lengths. Finite, not zero. A shadow ray to a lamp reaches it at 1.
+    pub direction: [f32; 3],
+    /// Of a shadow ray, the lamp's triangle, which does not block it, in the scene's order. `NO_TRIANGLE` says that it
+    /// goes on for ever, and is what other rays have.
+    pub target: u32,
+}
+
+impl RayRecord {
+    /// Whether it can be traced: all numbers are finite and the direction is one.
+    pub fn is_sound(&self) -> bool {
+        self.fault().is_none()
+    }
+
+    /// What is wrong with its numbers, and how many bytes into the record.
+    fn fault(&self) -> Option<(u64, Fault)> {
+        let not_finite = |v: [f32; 3]| v.iter().zip(0..).find(|(x, _)| !x.is_finite()).map(|(x, i)| (4 * i, *x));
+        if let Some((byte, value)) = not_finite(self.origin) {
+            return Some((byte, Fault::NotFinite { field: "origin", value }));
+        }
+        if let Some((byte, value)) = not_finite(self.direction) {
+            return Some((DIRECTION_BYTE + byte, Fault::NotFinite { field: "direction", value }));
+        }
+        (self.direction == [0.0; 3]).then_some((DIRECTION_BYTE, Fault::NoDirection))
+    }
+
+    /// What is wrong with it as a ray of that class in a scene of so many triangles, and how many bytes in.
+    fn fault_in(&self, class: RayClass, triangles: u32) -> Option<(u64, Fault)> {
+        let missing = |triangle: u32| triangle != NO_TRIANGLE && triangle >= triangles;
+        if let Some(fault) = self.fault() {
+            return Some(fault);
+        }
+        if missing(self.leaves) {
+            return Some((LEAVES_BYTE, Fault::NoSuchTriangle { field: "leaves", triangle: self.leaves, triangles }));
+        }
+        if missing(self.target) {
+            return Some((TARGET_BYTE, Fault::NoSuchTriangle { field: "target", triangle: self.target, triangles }));
+        }
+        (class != RayClass::Shadow && self.target != NO_TRIANGLE).then_some((TARGET_BYTE, Fault::Target))
+    }
+}
+
+const LEAVES_BYTE: u64 = std::mem::offset_of!(RayRecord, leaves) as u64;
+const DIRECTION_BYTE: u64 = std::mem::offset_of!(RayRecord, direction) as u64;
+const TARGET_BYTE: u64 = std::mem::offset_of!(RayRecord, target) as u64;
+
+/// What rays are for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RayClass {
+    /// From the camera to the first surface.
+    Camera,
+    /// From a scattering to the next surface.
+    Bounce,
+    /// From a surface to a sampled light.
+    Shadow,
+}
+
+/// The order that rays are in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RayOrder {
+    /// Of the paths: pixels in rows from the top left, then samples. Repeatable.
+    Slot,
+    /// Of the renderer's queue, as it came about.
+    Queue,
+}
+
+/// The scene that rays belong to, and the way from their space to its world.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RayScene {
+    /// Name of the scene, for people.
+    pub scene: String,
+    /// BLAKE3 of the scene's files, lower-case hex.
+    pub scene_hash: String,
+    /// Triangles of the scene.
+    pub triangles: u32,
+    /// world = normalised / scale + centre, world units.
+    pub centre: [f64; 3],
+    /// A power of two.
+    pub scale: f64,
+}
+
+/// The second line of a dump, as JSON with these keys. What is not needed to trace the rays says how to get them again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Metadata {
+    /// Version of raywave that made the dump.
+    pub raywave_version: String,
+    /// The scene.
+    #[serde(flatten)]
+    pub scene: RayScene,
+    /// What the rays are for.
+    pub class: RayClass,
+    /// Scattering events before the ray; of a shadow ray, before the surface that it leaves.
+    pub bounce: u32,
+    /// How many there are.
+    pub rays: u64,
+    /// Their order.
+    pub order: RayOrder,
+    /// Image width.
+    pub width_pixels: u32,
+    /// Image height.
+    pub height_pixels: u32,
+    /// The rays are of the first so many pixels, in rows from the top left,
+    pub pixels: u32,
+    /// and of the first so many samples of each.
+    pub samples_per_pixel: u32,
+    /// Seed of the random numbers.
+    pub seed: u32,
+    /// implicit or explicit.
+    pub integrator: String,
+    /// Scattering events between camera and light; -1 is unbounded.
+    pub max_bounces: i64,
+    /// Probability of stopping at each vertex.
+    pub roulette: f64,
+    /// Name of the device that computed them.
+    pub device: String,
+    /// Its driver, with version.
+    pub driver: String,
+    /// Layout of the records.
+    pub record: RecordLayout,
+}
+
+/// Layout of a record, in the words of NumPy: `numpy.dtype` takes it as it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RecordLayout {
+    /// Names of the fields.
+    pub names: Vec<String>,
+    /// Types of the fields.
+    pub formats: Vec<String>,
+    /// Bytes from the start of the record.
+    pub offsets: Vec<u64>,
+    /// Bytes of a record.
+    pub itemsize: u64,
+}
+
+impl RecordLayout {
+    /// The layout of a [`RayRecord`], the only one that is read.
+    pub fn of_rays() -> Self {
+        Self {
+            names: ["origin", "leaves", "direction", "target"].map(String::from).to_vec(),
+            formats: ["3<f4", "<u4", "3<f4", "<u4"].map(String::from).to_vec(),
+            offsets: vec![0, LEAVES_BYTE, DIRECTION_BYTE, TARGET_BYTE],
+            itemsize: size_of::<RayRecord>() as u64,
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! A queue of rays, frozen: what a bounce would trace, read back in the scene's terms.
+
+use super::plan::SampleRange;
+use super::prepare::PreparedScene;
+use super::session::{RenderError, Session};
+use super::settings::Scheduler;
+use super::wavefront;
+use crate::constants::NO_TRIANGLE;
+use crate::gpu::GpuError;
+use crate::rays::{RayClass, RayOrder, RayRecord};
+use crate::recording::Recording;
+
+/// Rays of one queue of one batch.
+#[derive(Debug, Clone)]
+pub struct QueuedRays {
+    /// Those that can be traced.
+    pub rays: Vec<RayRecord>,
+    /// Rays that are left out because a number of them is NaN or infinite, or the direction zero.
+    pub left_out: u64,
+    /// Pixels and samples that they belong to.
+    pub batch: SampleRange,
+}
+
+impl Session {
+    /// Renders the first batch up to a bounce and reads the rays that wait there: those that `extend` would trace after
+    /// so many scattering events, or, of class shadow, those that `connect` would trace from the surfaces they found.
+    /// `scene` is the session's own.
+    ///
+    /// # Errors
+    /// When no such ray is there, the scheduler has no queues, or the device fails.
+    pub fn dump_rays(
+        &mut self,
+        scene: &PreparedScene,
+        class: RayClass,
+        bounce: u32,
+        order: RayOrder,
+    ) -> Result<QueuedRays, RenderError> {
+        if self.settings.scheduler != Scheduler::Wavefront {
+            return Err(RenderError::NoQueues);
+        }
+        let shadow = class == RayClass::Shadow;
+        self.clear()?;
+        let batch = self.plan.batches(0..self.settings.samples).next().expect("a render has a sample");
+        let mut recording = Recording::default();
+        wavefront::begin(&mut recording, &self.plan, batch);
+        let (mut count, mut last) = (0, None);
+        for at in 0..=bounce {
+            // Shadow rays of a bounce are queued while it is shaded, the others by the bounce before.
+            let shaded = if shadow { at..at + 1 } else { at.saturating_sub(1)..at };
+            wavefront::advance(&mut recording, self.settings.sort, batch, shaded);
+            self.executor.submit(&std::mem::take(&mut recording))?;
+            let control = self.control()?;
+            count = if shadow { control.current_shadow_rays } else { control.current_rays };
+            if count > 0 {
+                last = Some(at);
+            }
+            if control.current_rays == 0 {
+                break;
+            }
+        }
+        if last != Some(bounce) {
+            return Err(RenderError::NoRays { rays: if shadow { "shadow" } else { "path" }, bounce, last });
+        }
+
+        let mut places = self.places(shadow, bounce, count)?;
+        if order == RayOrder::Slot {
+            places.sort_unstable();
+        }
+        let names = if shadow { ["shadow_origins", "shadow_directions"] } else { ["ray_origins", "ray_directions"] };
+        let [origins, directions] = [self.texels(names[0])?, self.texels(names[1])?];
+        let original = |place: u32| match place {
+            NO_TRIANGLE => NO_TRIANGLE,
+            place => scene.triangles[place as usize].original,
+        };
+        let record = |(_, place): (u32, u32)| {
+            let ([x, y, z, leaves], [u, v, w, target]) = (origins[place as usize], directions[place as usize]);
+            RayRecord {
+                origin: [x, y, z].map(f32::from_bits),
+                leaves: original(leaves),
+                direction: [u, v, w].map(f32::from_bits),
+                // Other rays keep there whether light that they find counts.
+                target: if shadow { original(target) } else { NO_TRIANGLE },
+            }
+        };
+        let mut rays: Vec<_> = places.into_iter().map(record).collect();
+        rays.retain(RayRecord::is_sound);
+        let left_out = u64::from(count) - rays.len() as u64;
+        Ok(QueuedRays { rays, left_out, batch })
+    }
+
+    /// Path slot and place in the buffers of each ray, in the order of the queue.
+    fn places(&mut self, shadow: bool, bounce: u32, count: u32) -> Result<Vec<(u32, u32)>, GpuError> {
+        if shadow {
+            let radiances = self.texels("shadow_radiances")?;
+            return Ok(radiances.iter().zip(0..count).map(|([.., slot], place)| (*slot, place)).collect());
+        }
+        let queue: Vec<u32> = bytemuck::pod_collect_to_vec(&self.executor.read("ray_queue")?);
+        let half = ((bounce & 1) * self.plan.path_capacity) as usize;
+        Ok(queue[half..half + count as usize].iter().map(|slot| (*slot, *slot)).collect())
+    }
+
+    /// The words of a buffer of path state.
+    fn texels(&mut self, name: &str) -> Result<Vec<[u32; 4]>, GpuError> {
+        Ok(bytemuck::pod_collect_to_vec(&self.executor.read(name)?))
+    }
+}

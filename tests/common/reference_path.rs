@@ -1,0 +1,328 @@
+//! A path tracer on the CPU, in f64: the oracle of ray counts and of single paths.
+//!
+//! It is written from the textbook and shares no code with the shaders or with `src/bvh`: every ray
+//! is tested against every triangle, in world space. It draws the numbers that the kernels draw and
+//! decides by them in the same order, so each of its paths is one of theirs but for rounding. It
+//! knows flat triangles of every material under a black sky; no textures, no vertex normals.
+
+use std::f64::consts::TAU;
+
+use glam::{DVec2, DVec3};
+use raywave::render::Settings;
+use raywave::scene::{Environment, Integrator, Material, NONE, Scene, Surface};
+
+use super::optics;
+
+/// A scene as paths are followed through it.
+pub struct Reference<'a> {
+    scene: &'a Scene,
+    settings: Settings,
+    facets: Vec<Facet>,
+    lamps: Vec<Lamp>,
+    /// Of all lamps.
+    lamp_area: f64,
+    /// Surfaces nearer than this to a ray's origin are the one that it leaves, or lie in its plane.
+    nearest: f64,
+}
+
+/// One sample of a pixel.
+#[derive(Debug, Default)]
+pub struct Path {
+    pub radiance: DVec3,
+    /// One entry a ray, from the camera on: whether a shadow ray was cast from where it ended.
+    pub casts_shadow_ray: Vec<bool>,
+}
+
+struct Facet {
+    corner: DVec3,
+    edges: [DVec3; 2],
+    /// Unit, out of the front side.
+    normal: DVec3,
+    material: usize,
+}
+
+/// A cell of the alias table over the lamps' areas.
+struct Lamp {
+    facet: usize,
+    /// Probability that the cell stands for itself, not for its alias.
+    threshold: f64,
+    alias: usize,
+}
+
+struct Ray {
+    origin: DVec3,
+    /// Unit.
+    direction: DVec3,
+    /// The facet that it starts on.
+    leaves: Option<usize>,
+}
+
+/// Where a ray ends.
+struct Vertex<'a> {
+    position: DVec3,
+    facet: usize,
+    material: &'a Material,
+    /// Back along the path.
+    wo: DVec3,
+    /// Unit, towards `wo`.
+    normal: DVec3,
+    is_front: bool,
+}
+
+/// A point of a lamp, as a vertex sees it.
+struct LampSample {
+    facet: usize,
+    direction: DVec3,
+    distance: f64,
+    /// Divided by its density over solid angle.
+    radiance: DVec3,
+}
+
+impl<'a> Reference<'a> {
+    pub fn new(scene: &'a Scene, settings: &Settings) -> Self {
+        assert!(matches!(scene.environment, Environment::Black), "the reference knows black skies alone");
+        assert!(scene.materials.iter().all(|m| m.map_kd.is_none()), "the reference knows no textures");
+        let mesh = &scene.mesh;
+        let facets: Vec<Facet> = mesh
+            .triangles
+            .iter()
+            .map(|triangle| {
+                assert!(triangle.normals[0] == NONE, "the reference knows no vertex normals");
+                let [a, b, c] = triangle.positions.map(|i| mesh.positions[i as usize]);
+                let edges = [b - a, c - a];
+                let normal = edges[0].cross(edges[1]).normalize();
+                Facet { corner: a, edges, normal, material: triangle.material as usize }
+            })
+            .collect();
+        let emitters: Vec<usize> =
+            (0..facets.len()).filter(|&i| scene.materials[facets[i].material].is_emitter()).collect();
+        let areas: Vec<f64> =
+            emitters.iter().map(|&i| 0.5 * facets[i].edges[0].cross(facets[i].edges[1]).length()).collect();
+        let cells = alias_table(&areas);
+        let lamps = emitters
+            .iter()
+            .zip(cells)
+            .map(|(&facet, (threshold, alias))| Lamp { facet, threshold, alias: emitters[alias] })
+            .collect();
+        let (low, high) = scene.bounds();
+        let nearest = 1e-9 * (high - low).max_element();
+        Self { scene, settings: *settings, facets, lamps, lamp_area: areas.iter().sum(), nearest }
+    }
+
+    /// Follows one sample of a pixel, which counts in rows from the top left.
+    pub fn path(&self, pixel: u32, sample: u32) -> Path {
+        let Settings { integrator, max_bounces, roulette, seed, .. } = self.settings;
+        let explicit = integrator == Integrator::Explicit;
+        // Camera, light and scattering of each bounce have four numbers each.
+        let random = |block| random4([pixel, sample, block, seed]);
+        let mut path = Path::default();
+        let mut ray = self.camera_ray(pixel, random(0));
+        let mut throughput = DVec3::ONE;
+        let mut sees_emission = true;
+        for bounce in 0_u32.. {
+            path.casts_shadow_ray.push(false);
+            let Some(vertex) = self.trace(&ray) else { break };
+            if vertex.material.is_emitter() {
+                if sees_emission && vertex.is_front {
+                    path.radiance += throughput * vertex.material.ke.as_dvec3();
+                }
+                break;
+            }
+            if max_bounces == Some(bounce) {
+                break;
+            }
+            let specular = vertex.material.surface != Surface::Glossy;
+            if explicit && !specular {
+                if let Some(sample) = self.sample_lamps(&vertex, random(1 + 2 * bounce)) {
+                    let value = optics::glossy(vertex.material, vertex.normal, vertex.wo, sample.direction);
+                    let radiance = throughput * value * sample.radiance;
+                    // What carries no light is not sent.
+                    if radiance != DVec3::ZERO {
+                        path.casts_shadow_ray[bounce as usize] = true;
+                        if !self.is_blocked(&vertex, &sample) {
+                            path.radiance += radiance;
+                        }
+                    }
+                }
+                // Another bounce could find no more than the light that was sampled.
+                if max_bounces == Some(bounce + 1) {
+                    break;
+                }
+            }
+            let [stop, choice, u, v] = random(2 + 2 * bounce);
+            if stop < roulette {
+                break;
+            }
+            let (direction, weight) = scatter(&vertex, choice, DVec2::new(u, v));
+            throughput *= weight / (1.0 - roulette);
+            if throughput.max_element() <= 0.0 {
+                break;
+            }
+            ray = Ray { origin: vertex.position, direction, leaves: Some(vertex.facet) };
+            sees_emission = !explicit || specular;
+        }
+        path
+    }
+
+    /// Through a uniform point of the pixel and of the lens.
+    fn camera_ray(&self, pixel: u32, [x, y, lens_u, lens_v]: [f64; 4]) -> Ray {
+        let (camera, width, height) = (&self.scene.camera, self.settings.width, self.settings.height);
+        let forward = (camera.target - camera.eye).normalize();
+        let right = forward.cross(camera.up).normalize();
+        let up = right.cross(forward);
+        let half_height = (0.5 * camera.vfov.to_radians()).tan();
+        let half_width = half_height * f64::from(width) / f64::from(height);
+        let across = 2.0 * (f64::from(pixel % width) + x) / f64::from(width) - 1.0;
+        let upwards = 1.0 - 2.0 * (f64::from(pixel / width) + y) / f64::from(height);
+        let direction = forward + across * half_width * right + upwards * half_height * up;
+        // All rays of a point in focus meet there, wherever they pass the lens.
+        let lens = camera.aperture * lens_u.sqrt() * DVec2::from_angle(TAU * lens_v);
+        let shift = lens.x * right + lens.y * up;
+        let direction = (camera.focus * direction - shift).normalize();
+        Ray { origin: camera.eye + shift, direction, leaves: None }
+    }
+
+    /// The nearest surface; among equals the one that the scene lists first.
+    fn trace(&self, ray: &Ray) -> Option<Vertex<'_>> {
+        let hits = self.facets.iter().enumerate().filter(|(i, _)| ray.leaves != Some(*i)).filter_map(|(i, facet)| {
+            let distance = facet.distance(ray)?;
+            (distance > self.nearest).then_some((i, distance))
+        });
+        let (facet, distance) = hits.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let Facet { normal, material, .. } = self.facets[facet];
+        let wo = -ray.direction;
+        let is_front = normal.dot(wo) > 0.0;
+        Some(Vertex {
+            position: ray.origin + distance * ray.direction,
+            facet,
+            material: &self.scene.materials[material],
+            wo,
+            normal: if is_front { normal } else { -normal },
+            is_front,
+        })
+    }
+
+    fn is_blocked(&self, from: &Vertex<'_>, to: &LampSample) -> bool {
+        let ray = Ray { origin: from.position, direction: to.direction, leaves: Some(from.facet) };
+        let between = self.nearest..to.distance - self.nearest;
+        self.facets.iter().enumerate().any(|(i, facet)| {
+            let is_other = i != from.facet && i != to.facet;
+            is_other && facet.distance(&ray).is_some_and(|distance| between.contains(&distance))
+        })
+    }
+
+    /// A point uniform over the area of all lamps, unless it turns its back.
+    fn sample_lamps(&self, from: &Vertex<'_>, [pick, own, u, v]: [f64; 4]) -> Option<LampSample> {
+        let cell = self.lamps.get((pick * self.lamps.len() as f64) as usize)?;
+        let index = if own < cell.threshold { cell.facet } else { cell.alias };
+        let Facet { corner, edges: [second, third], normal, material } = self.facets[index];
+        let s = u.sqrt();
+        let point = corner + s * (1.0 - v) * second + s * v * third;
+        let distance = point.distance(from.position);
+        let direction = (point - from.position) / distance;
+        let cosine = -normal.dot(direction);
+        let ke = self.scene.materials[material].ke.as_dvec3();
+        // Area becomes solid angle.
+        let radiance = ke * cosine * self.lamp_area / (distance * distance);
+        (cosine > 0.0).then_some(LampSample { facet: index, direction, distance, radiance })
+    }
+}
+
+impl Facet {
+    /// Distance to where the ray passes through. (Möller and Trumbore 1997)
+    fn distance(&self, ray: &Ray) -> Option<f64> {
+        let [e1, e2] = self.edges;
+        let p = ray.direction.cross(e2);
+        let inverse = 1.0 / e1.dot(p);
+        let to_origin = ray.origin - self.corner;
+        let q = to_origin.cross(e1);
+        let (u, v) = (to_origin.dot(p) * inverse, ray.direction.dot(q) * inverse);
+        // A ray along the plane has no inverse, and NaN is nowhere inside.
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then(|| e2.dot(q) * inverse)
+    }
+}
+
+/// A direction and f cos / pdf.
+fn scatter(vertex: &Vertex<'_>, choice: f64, u: DVec2) -> (DVec3, DVec3) {
+    let Vertex { material, wo, normal, is_front, .. } = *vertex;
+    let mirrored = optics::mirrored(normal, wo);
+    match material.surface {
+        Surface::Glossy => {
+            let by_lobe = choice < optics::phong_share(material);
+            let (axis, exponent) = if by_lobe { (mirrored, f64::from(material.ns)) } else { (normal, 1.0) };
+            let wi = cosine_power(axis, exponent, u);
+            let weight = optics::glossy(material, normal, wo, wi) / optics::scatter_density(material, normal, wo, wi);
+            (wi, weight)
+        }
+        Surface::Mirror => (mirrored, material.ks.as_dvec3()),
+        Surface::Refractive | Surface::Dielectric => {
+            let index = f64::from(material.ni);
+            let eta = if is_front { index } else { 1.0 / index };
+            let cosine = wo.dot(normal);
+            let Some(beyond) = optics::refracted_cosine(cosine, eta) else { return (mirrored, DVec3::ONE) };
+            if material.surface == Surface::Dielectric && choice < optics::reflectance(cosine, eta) {
+                return (mirrored, DVec3::ONE);
+            }
+            let refracted = (cosine / eta - beyond) * normal - wo / eta;
+            // Radiance scales with the square of the index.
+            (refracted.normalize(), material.tf.as_dvec3() / (eta * eta))
+        }
+    }
+}
+
+/// A direction of density (exponent + 1) / (2 pi) cos^exponent about the axis; exponent 1 is the
+/// cosine hemisphere.
+fn cosine_power(axis: DVec3, exponent: f64, u: DVec2) -> DVec3 {
+    let cosine = (1.0 - u.x).powf(1.0 / (exponent + 1.0));
+    let sine = (1.0 - cosine * cosine).sqrt();
+    let (x, y) = basis(axis);
+    let across = DVec2::from_angle(TAU * u.y);
+    sine * (across.x * x + across.y * y) + cosine * axis
+}
+
+/// The basis that the kernels turn angles in. (Duff et al. 2017, Building an Orthonormal Basis,
+/// Revisited)
+fn basis(n: DVec3) -> (DVec3, DVec3) {
+    let sign = if n.z >= 0.0 { 1.0 } else { -1.0 };
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    (DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y))
+}
+
+/// Four numbers in [0, 1), multiples of 2^-24, of pixel, sample, block and seed.
+fn random4(key: [u32; 4]) -> [f64; 4] {
+    pcg4d(key).map(|bits| f64::from(bits >> 8) * (-24_f64).exp2())
+}
+
+/// The hash of four words. (Jarzynski and Olano 2020, Hash Functions for GPU Rendering)
+pub fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
+    let mix = |v: &mut [u32; 4]| {
+        for (to, a, b) in [(0, 1, 3), (1, 2, 0), (2, 0, 1), (3, 1, 2)] {
+            v[to] = v[to].wrapping_add(v[a].wrapping_mul(v[b]));
+        }
+    };
+    v = v.map(|x| x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
+    mix(&mut v);
+    v = v.map(|x| x ^ x >> 16);
+    mix(&mut v);
+    v
+}
+
+/// Threshold and alias of each weight. (Vose 1991) Many tables stand for the same weights: this
+/// one fills the last of the poor from the last of the rich.
+fn alias_table(weights: &[f64]) -> Vec<(f64, usize)> {
+    let mean = weights.iter().sum::<f64>() / weights.len() as f64;
+    let mut left: Vec<f64> = weights.iter().map(|weight| weight / mean).collect();
+    let mut cells: Vec<_> = (0..weights.len()).map(|i| (1.0, i)).collect();
+    let (mut rich, mut poor): (Vec<_>, Vec<_>) = (0..weights.len()).partition(|&i| left[i] >= 1.0);
+    while !rich.is_empty() && !poor.is_empty() {
+        let (from, to) = (rich[rich.len() - 1], poor.remove(poor.len() - 1));
+        cells[to] = (left[to], from);
+        left[from] -= 1.0 - left[to];
+        if left[from] < 1.0 {
+            poor.push(from);
+            rich.retain(|&i| i != from);
+        }
+    }
+    cells
+}
