@@ -280,6 +280,12 @@ fn estimators_are_held_to_statistics() {
     broken.pixels[3].x = f32::NAN;
     assert!(!judge(Contract::Statistics, &broken, &reference).counts());
     assert!(matches!(judge(Contract::Statistics, &noisy(1, 0.0), &reference), Verdict::Agrees { .. }));
+    // The same random numbers in other arithmetic: an ulp here and there, all to one side.
+    let mut rounded = reference.clone();
+    rounded.pixels.iter_mut().step_by(30).for_each(|pixel| *pixel *= 1.0 + f32::EPSILON);
+    assert!(matches!(judge(Contract::Statistics, &rounded, &reference), Verdict::Agrees { .. }));
+    rounded.pixels.iter_mut().for_each(|pixel| *pixel *= 1.0 + 3e-6);
+    assert!(!judge(Contract::Statistics, &rounded, &reference).counts(), "more than rounding");
 
     let design = Design::new(Factor::parse_list("scheduler,integrator").expect("parses"), None).expect("makes sense");
     let contracts: Vec<_> = design.combinations().iter().map(|c| design.contract(c)).collect();

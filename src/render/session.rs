@@ -97,7 +97,8 @@ pub struct Statistics {
     pub gpu_seconds: f64,
     /// Time and launches by kernel and bounce.
     pub passes: BTreeMap<(&'static str, u32), KernelTime>,
-    /// Rays by bounce; the last entry takes all that follow. The megakernel counts all of its rays
+    /// Rays by bounce; the last entry takes all that follow. The megakernel leaves the
+    /// camera's out, and counts all of its rays
     /// after the camera's as bounce 1, and all shadow rays as bounce 0.
     pub ray_counts: Vec<RayCount>,
     /// Bytes of device memory.

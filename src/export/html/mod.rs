@@ -351,12 +351,13 @@ fn scene_article(number: usize, scene: &SceneReport, colours: &KernelColours, st
             plots::bounces(typical, colours)
         );
     }
-    let with_lanes = |c: &&CombinationReport| c.counters.as_ref().is_some_and(|c| c.active_lane_share().is_some());
-    let mut counted = timed.iter().copied().filter(with_lanes);
-    if let Some(first) = counted.next() {
-        // One combination that works otherwise is enough: most differ in what lanes do not see.
-        let other = counted.find(|other| other.counters != first.counters);
-        let panels: Vec<_> = [Some(first), other].into_iter().flatten().collect();
+    let lanes = |c: &CombinationReport| c.counters.as_ref()?.active_lane_share();
+    let counted: Vec<_> = timed.iter().filter_map(|c| Some((*c, lanes(c)?))).collect();
+    if let Some(&(first, share)) = counted.first() {
+        // Beside the first the one that differs most from it: others differ in what lanes do not see.
+        let apart = |&&(_, other): &&(&CombinationReport, f64)| (other - share).abs();
+        let other = counted[1..].iter().max_by(|a, b| apart(a).total_cmp(&apart(b)));
+        let panels: Vec<_> = [Some(first), other.map(|other| other.0)].into_iter().flatten().collect();
         html += &format!(
             "<figure><figcaption>Share of lanes at work{}</figcaption>{}</figure>\n",
             legend(STAGES.map(|stage| (colours.class(stage), stage)).into_iter()),

@@ -366,7 +366,7 @@ fn vertical_grid(svg: &mut Svg, axis: &Axis, top: f64, bottom: f64, name: &str) 
 /// Room for labels of 13 pixels.
 fn label_width<'a>(labels: impl Iterator<Item = &'a str>) -> f64 {
     let longest = labels.map(|label| label.chars().count()).max().unwrap_or(0);
-    (longest as f64 * 6.9 + 4.0).clamp(60.0, 400.0)
+    (longest as f64 * 7.6 + 6.0).clamp(60.0, 420.0)
 }
 
 /// A round number without trailing zeros.
