@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 
 use common::{assert_silent, device, own_scene};
 use glam::{DVec3, Vec3};
-use raywave::bvh::{Ray, count_any, count_closest, trace_any, trace_closest};
+use raywave::bvh::{BvhKind, Ray, count_any, count_closest, trace_any, trace_closest};
 use raywave::constants::NO_TRIANGLE;
 use raywave::gpu::Device;
 use raywave::rays::{RayClass, RayOrder, RayRecord};
@@ -265,8 +265,11 @@ fn the_megakernel_has_no_queues() {
 fn the_device_counts_the_work_that_the_cpu_counts() {
     let device = device();
     let scene = own_scene("cornell-glass");
-    let (settings, prepared) = (settings(&scene), prepared(&scene));
-    for (class, bounce) in [(RayClass::Camera, 0), (RayClass::Bounce, 3), (RayClass::Shadow, 1)] {
+    let settings = settings(&scene);
+    let kinds = [BvhKind::Bvh2, BvhKind::Bvh4, BvhKind::Cwbvh];
+    let classes = [(RayClass::Camera, 0), (RayClass::Bounce, 3), (RayClass::Shadow, 1)];
+    for (kind, (class, bounce)) in kinds.into_iter().flat_map(|kind| classes.map(|class| (kind, class))) {
+        let prepared = PreparedScene::with_bvh(&scene, kind).expect("the scene fits");
         let rays = dump(&device, &prepared, &settings, class, bounce).rays;
         let counted = Replay::count_work(&device, &prepared, &settings, class, &rays).expect("the rays are counted");
         let mut places = vec![0; prepared.triangles.len()];

@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 
 use common::{assert_silent, device, own_scene, render_on};
 use glam::{DVec3, Vec3};
-use raywave::bvh::{self, Ray, Work};
+use raywave::bvh::{self, BvhKind, Ray, Work};
 use raywave::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
@@ -27,7 +27,7 @@ fn sums(outcome: Outcome) -> Vec<DVec3> {
 }
 
 fn count(device: &Device, scene: &Scene, settings: &Settings) -> Outcome {
-    let prepared = PreparedScene::new(scene).expect("the scene fits");
+    let prepared = PreparedScene::with_bvh(scene, settings.bvh).expect("the scene fits");
     let options = SessionOptions { counting: true, ..SessionOptions::default() };
     let mut session = Session::with_options(device, &prepared, settings, options).expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
@@ -56,6 +56,8 @@ fn work_that_is_added_or_moved_leaves_no_trace() {
                 Settings { material_branches: 127, shading_cost: 3, ..plain },
                 Settings { sort: Sort::Material, ..plain },
                 Settings { sort: Sort::Material, material_branches: 5, ..plain },
+                Settings { bvh: BvhKind::Bvh4, ..plain },
+                Settings { bvh: BvhKind::Cwbvh, ..plain },
                 // Paths are short of a whole number of paths for each invocation.
                 Settings { paths_per_invocation: Some(1), ..plain },
                 Settings { paths_per_invocation: Some(7), workgroup_size: Some(32), ..plain },

@@ -11,8 +11,12 @@ vec3 safe_inverse(vec3 d) {
 // (Ize 2013, Robust BVH Ray Traversal)
 const float SLAB_SLACK = 1.0000008;
 
-// min and max as one instruction each: the built-ins carry a rule for NaN, which no box has.
-float lesser(float a, float b) { return a < b ? a : b; }
-float greater(float a, float b) { return a > b ? a : b; }
+// min and max of bits, one instruction each: the built-ins carry a rule for NaN, which no box has.
+// Of two negative numbers they give the wrong one. That does not show: where a box is entered behind
+// the origin is 0, and a box that is left behind it is missed.
+float lesser(float a, float b) { return intBitsToFloat(min(floatBitsToInt(a), floatBitsToInt(b))); }
+float greater(float a, float b) { return intBitsToFloat(max(floatBitsToInt(a), floatBitsToInt(b))); }
+vec4 lesser(vec4 a, vec4 b) { return intBitsToFloat(min(floatBitsToInt(a), floatBitsToInt(b))); }
+vec4 greater(vec4 a, vec4 b) { return intBitsToFloat(max(floatBitsToInt(a), floatBitsToInt(b))); }
 
 #endif

@@ -21,10 +21,9 @@ const uint NO_NODE = 0xffffffffu;
 // A plane's distance is off by at most eight roundings of the largest terms that it is made of.
 const float PLANE_ERROR = 8.0 * 5.9604645e-8;
 
-vec4 bytes(uint word) { return vec4((uvec4(word) >> uvec4(0u, 8u, 16u, 24u)) & 255u); }
+// By way of signed numbers, which convert to floats in one instruction.
+vec4 bytes(uint word) { return vec4(ivec4((uvec4(word) >> uvec4(0u, 8u, 16u, 24u)) & 255u)); }
 
-vec4 lesser(vec4 a, vec4 b) { return vec4(lesser(a.x, b.x), lesser(a.y, b.y), lesser(a.z, b.z), lesser(a.w, b.w)); }
-vec4 greater(vec4 a, vec4 b) { return vec4(greater(a.x, b.x), greater(a.y, b.y), greater(a.z, b.z), greater(a.w, b.w)); }
 
 // A ray as nodes see it.
 struct GridRay {

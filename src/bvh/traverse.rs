@@ -150,12 +150,7 @@ fn walk_binary(
 /// As in `wide.glsl`.
 const PLANE_ERROR: f32 = 8.0 * 5.960_464_5e-8;
 
-fn walk_wide(
-    bvh: &Bvh,
-    ray: &Ray,
-    mut limit: f32,
-    mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>,
-) -> Work {
+fn walk_wide(bvh: &Bvh, ray: &Ray, mut limit: f32, mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
     let inverse = safe_inverse(ray.direction);
     let octant = (0..3).fold(0, |octant, axis| octant << 1 | u32::from(inverse[axis] >= 0.0));
     // Nodes with inner children left to visit, a bit for each, the nearest one highest.
@@ -201,9 +196,8 @@ fn meet_children(bvh: &Bvh, node: u32, origin: Vec3, inverse: Vec3, octant: u32,
     let mut hits = 0_u32;
     for child in 0..bvh.kind.width() as usize {
         let meta = bytes(6 + child / 4)[child % 4];
-        let plane = |axis: usize, high: bool| {
-            f32::from(bytes(8 + 6 * (child / 4) + 2 * axis + usize::from(high))[child % 4])
-        };
+        let plane =
+            |axis: usize, high: bool| f32::from(bytes(8 + 6 * (child / 4) + 2 * axis + usize::from(high))[child % 4]);
         let backwards = |axis: usize| inverse[axis] < 0.0;
         let enters = Vec3::from_array(std::array::from_fn(|a| plane(a, backwards(a)) * scale[a] + near[a]));
         let leaves = Vec3::from_array(std::array::from_fn(|a| plane(a, !backwards(a)) * scale[a] + far[a]));

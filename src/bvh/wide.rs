@@ -136,6 +136,10 @@ fn push_triangles(tree: &Bvh2, source: u32, order: &mut Vec<u32>) {
     }
 }
 
+/// More than f64 rounds a place on a grid of 255 steps by, in steps: even a plane of 10⁻³⁰ in a node
+/// that reaches to 1 must not be lost.
+const ROUNDING: f64 = 1e-9;
+
 /// A node on its way to memory, children in the order in which they were pushed.
 struct NodeWriter {
     origin: Vec3,
@@ -181,8 +185,9 @@ impl NodeWriter {
             let step = step(self.exponents[axis]);
             let origin = f64::from(self.origin[axis]);
             let (low, high) = (f64::from(aabb.min[axis]), f64::from(aabb.max[axis]));
-            self.planes[axis][0][self.children] = ((low - origin) / step).floor().clamp(0.0, 255.0) as u8;
-            self.planes[axis][1][self.children] = ((high - origin) / step).ceil().clamp(0.0, 255.0) as u8;
+            let (low, high) = ((low - origin) / step - ROUNDING, (high - origin) / step + ROUNDING);
+            self.planes[axis][0][self.children] = low.floor().clamp(0.0, 255.0) as u8;
+            self.planes[axis][1][self.children] = high.ceil().clamp(0.0, 255.0) as u8;
         }
         self.children += 1;
     }
@@ -211,7 +216,7 @@ fn exponent(low: f32, high: f32) -> u32 {
     let extent = f64::from(high) - f64::from(low);
     // Far from the exponents of subnormal numbers, which devices may flush.
     let mut exponent = (extent / 255.0).log2().floor().clamp(-100.0, 100.0) as i32 + 127;
-    while 255.0 * step(exponent as u32) < extent {
+    while 255.0 * step(exponent as u32) < extent * (1.0 + ROUNDING) {
         exponent += 1;
     }
     exponent as u32

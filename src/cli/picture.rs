@@ -80,8 +80,9 @@ enum SchedulerName {
     Megakernel,
 }
 
+/// Shapes of BVH, as the command line has them.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum BvhName {
+pub enum BvhName {
     /// Two children a node
     Bvh2,
     /// Four children a node, boxes in 8 bits
@@ -125,11 +126,7 @@ impl PictureArguments {
             workgroup_size: self.workgroup,
             shading_cost: self.shading_cost,
             material_branches: self.materials,
-            bvh: match self.bvh {
-                BvhName::Bvh2 => BvhKind::Bvh2,
-                BvhName::Bvh4 => BvhKind::Bvh4,
-                BvhName::Cwbvh => BvhKind::Cwbvh,
-            },
+            bvh: self.bvh.into(),
             sort: match self.sort {
                 SortName::None => Sort::None,
                 SortName::Material => Sort::Material,
@@ -160,6 +157,16 @@ pub fn integrator_name(integrator: Integrator) -> &'static str {
     match integrator {
         Integrator::Implicit => "implicit",
         Integrator::Explicit => "explicit",
+    }
+}
+
+impl From<BvhName> for BvhKind {
+    fn from(name: BvhName) -> Self {
+        match name {
+            BvhName::Bvh2 => Self::Bvh2,
+            BvhName::Bvh4 => Self::Bvh4,
+            BvhName::Cwbvh => Self::Cwbvh,
+        }
     }
 }
 

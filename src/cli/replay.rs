@@ -15,6 +15,7 @@ use crate::stats::{Bootstrap, Estimate};
 
 use super::devices::kind_name;
 use super::dump_rays::{class_name, ray_scene};
+use super::picture::{BvhName, bvh_name};
 use super::render::is_same_file;
 use super::{check_text_output, load_scene, open_device, print, write_text};
 
@@ -41,6 +42,9 @@ pub struct ReplayArguments {
     /// Rays of a launch, at most; without, as many as the device takes, up to 4,194,304
     #[arg(long, value_name = "RAYS", value_parser = clap::value_parser!(u32).range(1..))]
     in_flight: Option<u32>,
+    /// Shape of the BVH
+    #[arg(long, default_value = "bvh2")]
+    bvh: BvhName,
     /// Device, by number or part of its name; see `raywave devices`
     #[arg(long, env = "RAYWAVE_DEVICE")]
     device: Option<String>,
@@ -57,7 +61,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         check_text_output(path)?;
     }
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
-    let prepared = PreparedScene::new(&scene)?;
+    let prepared = PreparedScene::with_bvh(&scene, arguments.bvh.into())?;
     let RayDump { metadata, rays } = RayDump::read(&arguments.file, &ray_scene(&scene, &prepared))?;
     if let Some(path) = &arguments.json {
         let same = is_same_file(path, &arguments.file)?;
@@ -69,7 +73,14 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     let mut replay = Replay::new(&device, &prepared, &settings, metadata.class, &rays, arguments.repeat)?;
     let outcome = replay.run(arguments.rounds as usize)?;
     let work = Replay::count_work(&device, &prepared, &settings, metadata.class, &rays)?;
-    let report = Report { metadata: &metadata, repeat: arguments.repeat, device: device.description(), outcome, work };
+    let report = Report {
+        metadata: &metadata,
+        repeat: arguments.repeat,
+        device: device.description(),
+        outcome,
+        bvh: bvh_name(arguments.bvh.into()),
+        work,
+    };
     if let Some(path) = &arguments.json {
         let text = serde_json::to_string_pretty(&report.json()).context("the report becomes JSON")?;
         write_text(path, &(text + "\n"))?;
@@ -83,6 +94,8 @@ struct Report<'a> {
     repeat: u32,
     device: &'a DeviceDescription,
     outcome: ReplayOutcome,
+    /// Shape of the BVH.
+    bvh: &'static str,
     /// Of the dump, traced once.
     work: WorkCount,
 }
@@ -131,7 +144,7 @@ impl Report<'_> {
             ("scene", self.metadata.scene.scene.clone()),
             ("rays", format!("{} {}{times}{launches}", count(self.metadata.rays), class_name(self.metadata))),
             ("device", self.device.name.clone()),
-            ("kernel", format!("{}, {} invocations a workgroup", outcome.kernel, outcome.workgroup_size)),
+            ("kernel", format!("{}, {} invocations a workgroup, {}", outcome.kernel, outcome.workgroup_size, self.bvh)),
             (met, format!("{:.2} %", 100.0 * self.hit_share())),
             ("checked", format!("{} rays, {agreement}", count(outcome.checked))),
             (
@@ -161,6 +174,7 @@ impl Report<'_> {
             "raywave_version": env!("CARGO_PKG_VERSION"),
             "dump": self.metadata,
             "repeat": self.repeat,
+            "bvh": self.bvh,
             "nodes_visited_per_ray": self.per_ray(self.work.nodes()),
             "triangles_tested_per_ray": self.per_ray(self.work.triangles()),
             "active_lane_share": self.active_lane_share(),
