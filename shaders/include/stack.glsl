@@ -40,22 +40,9 @@ void balance_stack(inout Stack stack, bool pushes, bool pops) {
     }
 }
 
-// The newest entry, for those who will pop or replace it.
-uint newest_entry(inout Stack stack, bool wanted) {
+// As update_stack, of a stack that is balanced.
+uint shift_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
     if (STACK_SPILLS) {
-        balance_stack(stack, false, wanted);
-    }
-    return stack.newer.x;
-}
-
-void replace_newest(inout Stack stack, bool replaces, uint entry) {
-    stack.newer.x = replaces ? entry : stack.newer.x;
-}
-
-// Pushes `entry` if `pushes`, or pops and yields the newest entry if `pops`; not both.
-uint update_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
-    if (STACK_SPILLS) {
-        balance_stack(stack, pushes, pops);
         stack.count += pushes ? 1u : 0u;
         stack.count -= pops && stack.count > 0u ? 1u : 0u;
     }
@@ -67,6 +54,14 @@ uint update_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
     stack.newer = pushes ? pushed_newer : pops ? popped_newer : stack.newer;
     stack.older = pushes ? pushed_older : pops ? popped_older : stack.older;
     return popped;
+}
+
+// Pushes `entry` if `pushes`, or pops and yields the newest entry if `pops`; not both.
+uint update_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
+    if (STACK_SPILLS) {
+        balance_stack(stack, pushes, pops);
+    }
+    return shift_stack(stack, pushes, pops, entry);
 }
 
 #endif

@@ -86,14 +86,17 @@ uint meet_children(uint node, GridRay ray, float limit, out uint first_triangle)
 // those that the stack remembers. A stack entry is a node and its children left.
 uint next_node(uint node, uint inner, uint octant, inout Stack stack) {
     bool own = inner != 0u;
-    uint group = own ? (node << 8) | inner : newest_entry(stack, !own);
+    if (STACK_SPILLS) {
+        balance_stack(stack, own, !own);
+    }
+    uint group = own ? (node << 8) | inner : stack.newer.x;
     bool none = group == TRAVERSAL_DONE;
     group = none ? 1u : group;
     uint nearest = findMSB(group & 255u);
     uint rest = group & ~(1u << nearest);
     bool left = (rest & 255u) != 0u;
-    replace_newest(stack, !own && left, rest);
-    update_stack(stack, own && left, !own && !left, rest);
+    stack.newer.x = !own && left ? rest : stack.newer.x;
+    shift_stack(stack, own && left, !own && !left, rest);
     uint links = fetch_nodes(WIDE_TEXELS * (group >> 8) + 1u).x;
     uint child = (links >> 8) + bitCount(links & 255u & ((1u << (nearest ^ (octant & 7u))) - 1u));
     return none ? NO_NODE : child;

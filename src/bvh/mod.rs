@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 pub use traverse::{Hit, Ray, Work, count_any, count_closest, intersect_triangle, trace_any, trace_closest};
 
-use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES};
+use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES, WIDE_MAX_NODES};
 use crate::layout::Node;
 
 /// Most triangles that a leaf reference can address.
@@ -46,6 +46,14 @@ impl BvhKind {
             Self::Bvh2 => 2,
             Self::Bvh4 => 4,
             Self::Cwbvh => 8,
+        }
+    }
+
+    /// Most nodes that references can address.
+    pub fn max_nodes(self) -> usize {
+        match self {
+            Self::Bvh2 => LEAF_BIT as usize,
+            Self::Bvh4 | Self::Cwbvh => WIDE_MAX_NODES as usize,
         }
     }
 
@@ -81,7 +89,8 @@ pub struct Bvh {
 }
 
 impl Bvh {
-    /// Builds the hierarchy of at least 1 and at most [`MAX_TRIANGLES`] triangles.
+    /// Builds the hierarchy of at least 1 and at most [`MAX_TRIANGLES`] triangles. It is of use if it
+    /// has no more than [`BvhKind::max_nodes`].
     ///
     /// Whatever its shape, it comes from a binary tree of obvhs's preset `medium_build`: PLOC with reinsertion, near the slower presets in traversal
     /// cost at a fraction of their time, and without spatial splits, so that every triangle lies

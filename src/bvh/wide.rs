@@ -8,7 +8,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 
 use super::Bvh;
-use crate::constants::{WIDE_INNER_BIT, WIDE_LEAF_TRIANGLES, WIDE_MAX_NODES};
+use crate::constants::{WIDE_INNER_BIT, WIDE_LEAF_TRIANGLES};
 
 /// What a child's slot says of it: a code in `meta` and a place in the ray's order.
 #[derive(Clone, Copy)]
@@ -57,7 +57,6 @@ pub(super) fn collapse(tree: &Bvh2, width: usize, bvh: &mut Bvh) {
         let start = index as usize * node_texels;
         bvh.texels[start..start + node_texels].copy_from_slice(&node.texels()[..node_texels]);
     }
-    assert!(bvh.texels.len() / node_texels <= WIDE_MAX_NODES as usize, "fewer triangles than a wide tree can hold");
 }
 
 /// Triangles under each node of the tree.

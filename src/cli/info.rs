@@ -7,6 +7,7 @@ use crate::bvh::Bvh;
 use crate::layout;
 use crate::render::PreparedScene;
 
+use super::picture::BvhName;
 use super::{load_scene, print, readable_bytes};
 
 /// Tell what a scene holds: triangles, materials, lights, bounds, BVH, memory
@@ -14,11 +15,14 @@ use super::{load_scene, print, readable_bytes};
 pub struct InfoArguments {
     /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
     scene: Option<PathBuf>,
+    /// Shape of the BVH
+    #[arg(long, default_value = "cwbvh")]
+    bvh: BvhName,
 }
 
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
     let scene = load_scene(arguments.scene.as_deref(), false)?;
-    let prepared = PreparedScene::new(&scene)?;
+    let prepared = PreparedScene::with_bvh(&scene, arguments.bvh.into())?;
     let (low, high) = scene.bounds();
     let triangles = scene.mesh.triangles.len();
     let mut text = String::new();

@@ -51,7 +51,7 @@ pub struct PictureArguments {
     #[arg(long, value_name = "BRANCHES", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_MATERIAL_BRANCHES)))]
     materials: u32,
     /// Shape of the BVH
-    #[arg(long, default_value = "bvh2")]
+    #[arg(long, default_value = "cwbvh")]
     bvh: BvhName,
     /// Order in which the wavefront shades
     #[arg(long, default_value = "none")]

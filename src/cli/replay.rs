@@ -43,7 +43,7 @@ pub struct ReplayArguments {
     #[arg(long, value_name = "RAYS", value_parser = clap::value_parser!(u32).range(1..))]
     in_flight: Option<u32>,
     /// Shape of the BVH
-    #[arg(long, default_value = "bvh2")]
+    #[arg(long, default_value = "cwbvh")]
     bvh: BvhName,
     /// Device, by number or part of its name; see `raywave devices`
     #[arg(long, env = "RAYWAVE_DEVICE")]

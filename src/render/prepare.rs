@@ -17,6 +17,8 @@ use crate::scene::{self, Environment, EnvironmentMap, Integrator, Scene, Surface
 pub enum PrepareError {
     #[error("the scene has {0} triangles and a BVH can address {max}; use a smaller scene", max = bvh::MAX_TRIANGLES)]
     TooManyTriangles(usize),
+    #[error("the BVH has {nodes} nodes and one of this shape can address {max}; use --bvh bvh2")]
+    TooManyNodes { nodes: usize, max: usize },
     #[error("the scene has {0} emitting triangles and light sampling can tell {max} apart; use fewer", max = MAX_CELLS)]
     TooManyLights(usize),
     #[error("the environment has {0} texels and light sampling can tell {max} apart; scale the image down", max = MAX_CELLS)]
@@ -106,12 +108,12 @@ impl Normalisation {
 }
 
 impl PreparedScene {
-    /// [`PreparedScene::with_bvh`] of the kind that is fastest on most scenes.
+    /// [`PreparedScene::with_bvh`] of the kind that is fastest on most scenes on devices of eight lanes or more.
     ///
     /// # Errors
     /// When the scene is larger than an index can tell.
     pub fn new(scene: &Scene) -> Result<Self, PrepareError> {
-        Self::with_bvh(scene, BvhKind::Bvh2)
+        Self::with_bvh(scene, BvhKind::Cwbvh)
     }
 
     /// Builds a BVH of that kind and lays the scene out.
@@ -127,6 +129,10 @@ impl PreparedScene {
         let points: Vec<Vec3> = mesh.positions.iter().map(|p| normalisation.point(*p).as_vec3()).collect();
         let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.positions.map(|i| points[i as usize])).collect();
         let bvh = Bvh::build(kind, &corners);
+        let (nodes, max) = (bvh.node_count(), kind.max_nodes());
+        if nodes > max {
+            return Err(PrepareError::TooManyNodes { nodes, max });
+        }
         let triangles: Vec<Triangle> = bvh
             .order
             .iter()
@@ -206,9 +212,13 @@ impl PreparedScene {
         }
     }
 
-    /// Entries of the traversal stack: each inner node on the way down leaves one at most.
+    /// Entries of the traversal stack: each inner node on the way down leaves one at most. Of a wide
+    /// tree it is the siblings of the node that comes next, and the last level has none.
     pub fn stack_size(&self) -> u32 {
-        self.bvh.depth
+        match self.bvh.kind {
+            BvhKind::Bvh2 => self.bvh.depth,
+            BvhKind::Bvh4 | BvhKind::Cwbvh => self.bvh.depth - 1,
+        }
     }
 
     /// Bytes of the traversal stacks of `paths` at once, beyond what stays in registers.

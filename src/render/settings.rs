@@ -106,7 +106,7 @@ impl Settings {
             workgroup_size: None,
             shading_cost: 0,
             material_branches: 1,
-            bvh: BvhKind::Bvh2,
+            bvh: BvhKind::Cwbvh,
             sort: Sort::None,
             paths_per_invocation: None,
             fast_math: false,
