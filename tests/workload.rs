@@ -27,7 +27,8 @@ fn sums(outcome: Outcome) -> Vec<DVec3> {
 }
 
 fn count(device: &Device, scene: &Scene, settings: &Settings) -> Outcome {
-    let prepared = PreparedScene::with_bvh(scene, settings.bvh).expect("the scene fits");
+    let prepared =
+        PreparedScene::with_bvh(scene, settings.bvh_for(device.description().subgroup_size)).expect("the scene fits");
     let options = SessionOptions { counting: true, ..SessionOptions::default() };
     let mut session = Session::with_options(device, &prepared, settings, options).expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
@@ -56,8 +57,9 @@ fn work_that_is_added_or_moved_leaves_no_trace() {
                 Settings { material_branches: 127, shading_cost: 3, ..plain },
                 Settings { sort: Sort::Material, ..plain },
                 Settings { sort: Sort::Material, material_branches: 5, ..plain },
-                Settings { bvh: BvhKind::Bvh4, ..plain },
-                Settings { bvh: BvhKind::Cwbvh, ..plain },
+                Settings { bvh: Some(BvhKind::Bvh2), ..plain },
+                Settings { bvh: Some(BvhKind::Bvh4), ..plain },
+                Settings { bvh: Some(BvhKind::Cwbvh), ..plain },
                 // Paths are short of a whole number of paths for each invocation.
                 Settings { paths_per_invocation: Some(1), ..plain },
                 Settings { paths_per_invocation: Some(7), workgroup_size: Some(32), ..plain },
@@ -122,7 +124,8 @@ fn rays_that_are_alike_do_what_the_cpu_does_and_leave_no_lane_idle() {
     scene.camera.vfov = 1e-6;
     let settings = Settings { width: 16, height: 16, samples: 2, max_bounces: Some(0), ..Settings::of(&scene) };
     let counted = count(&device, &scene, &settings);
-    let prepared = PreparedScene::new(&scene).expect("the scene fits");
+    let kind = settings.bvh_for(device.description().subgroup_size);
+    let prepared = PreparedScene::with_bvh(&scene, kind).expect("the scene fits");
     let frame = prepared.frame(&settings, 1);
     let ray =
         Ray { origin: Vec3::from(frame.camera_eye), direction: Vec3::from(frame.camera_forward), leaves: NO_TRIANGLE };

@@ -92,7 +92,8 @@ impl Bvh {
     /// Builds the hierarchy of at least 1 and at most [`MAX_TRIANGLES`] triangles. It is of use if it
     /// has no more than [`BvhKind::max_nodes`].
     ///
-    /// Whatever its shape, it comes from a binary tree of obvhs's preset `medium_build`: PLOC with reinsertion, near the slower presets in traversal
+    /// Whatever its shape, it comes from a binary tree of obvhs's preset `medium_build`: PLOC with
+    /// reinsertion, near the slower presets in traversal
     /// cost at a fraction of their time, and without spatial splits, so that every triangle lies
     /// in one leaf and every box holds its triangles whole.
     pub fn build(kind: BvhKind, triangles: &[[Vec3; 3]]) -> Self {

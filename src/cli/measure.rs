@@ -106,7 +106,7 @@ impl DeviceRenderer {
         let settings = self.picture.settings(&scene)?;
         let (name, hash) = (scene.name.clone(), scene.hash.clone());
         let mut open = OpenScene { path, scene, settings, prepared: HashMap::new() };
-        let prepared = open.prepare(settings.bvh)?;
+        let prepared = open.prepare(settings.bvh_for(self.device.description().subgroup_size))?;
         let facts = SceneFacts {
             scene: name,
             scene_hash: hash,
@@ -132,10 +132,10 @@ impl DeviceRenderer {
             }
             Purpose::Counting => {
                 let options = SessionOptions { counting: true, ..SessionOptions::default() };
-                let mut session =
-                    Session::with_options(&self.device, scene.prepare(settings.bvh)?, &settings, options)?;
-                let outcome = session.render(|_| ControlFlow::Continue(()))?;
                 let lanes = self.device.description().subgroup_size;
+                let mut session =
+                    Session::with_options(&self.device, scene.prepare(settings.bvh_for(lanes))?, &settings, options)?;
+                let outcome = session.render(|_| ControlFlow::Continue(()))?;
                 let mut measured = measurement(&settings, &outcome);
                 measured.counters = Some(work_counters(&outcome.statistics.work_counts, lanes));
                 // Counting kernels are exact: they have another image where the others are not.
@@ -148,7 +148,7 @@ impl DeviceRenderer {
     /// The first render of a configuration: from nothing to an image.
     fn render_first(&mut self, settings: Settings, key: String) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let prepared = scene.prepare(settings.bvh)?;
+        let prepared = scene.prepare(settings.bvh_for(self.device.description().subgroup_size))?;
         let mut session = Session::new(&self.device, prepared, &settings)?;
         let outcome = session.render(|_| ControlFlow::Continue(()))?;
         let mut measured = measurement(&settings, &outcome);
@@ -233,9 +233,9 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("in-flight", _) => settings.in_flight = Some(count()?),
             ("workgroup", _) => settings.workgroup_size = Some(count()?),
             ("paths-per-invocation", _) => settings.paths_per_invocation = Some(count()?),
-            ("bvh", "bvh2") => settings.bvh = BvhKind::Bvh2,
-            ("bvh", "bvh4") => settings.bvh = BvhKind::Bvh4,
-            ("bvh", "cwbvh") => settings.bvh = BvhKind::Cwbvh,
+            ("bvh", "bvh2") => settings.bvh = Some(BvhKind::Bvh2),
+            ("bvh", "bvh4") => settings.bvh = Some(BvhKind::Bvh4),
+            ("bvh", "cwbvh") => settings.bvh = Some(BvhKind::Cwbvh),
             ("sort", "none") => settings.sort = Sort::None,
             ("sort", "material") => settings.sort = Sort::Material,
             ("fast-math", _) => settings.fast_math = level == "on",

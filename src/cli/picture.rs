@@ -50,9 +50,9 @@ pub struct PictureArguments {
     /// Branches that the scattering of hits is spread over by triangle, as if the scene had so many BSDFs
     #[arg(long, value_name = "BRANCHES", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_MATERIAL_BRANCHES)))]
     materials: u32,
-    /// Shape of the BVH
-    #[arg(long, default_value = "cwbvh")]
-    bvh: BvhName,
+    /// Shape of the BVH; without, by device
+    #[arg(long)]
+    bvh: Option<BvhName>,
     /// Order in which the wavefront shades
     #[arg(long, default_value = "none")]
     sort: SortName,
@@ -126,7 +126,7 @@ impl PictureArguments {
             workgroup_size: self.workgroup,
             shading_cost: self.shading_cost,
             material_branches: self.materials,
-            bvh: self.bvh.into(),
+            bvh: self.bvh.map(Into::into),
             sort: match self.sort {
                 SortName::None => Sort::None,
                 SortName::Material => Sort::Material,

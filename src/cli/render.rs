@@ -53,8 +53,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     ensure!(arguments.exposure.is_finite(), "--exposure {} is not a number of stops", arguments.exposure);
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
     let settings = arguments.picture.settings(&scene)?;
-    let prepared = PreparedScene::with_bvh(&scene, settings.bvh)?;
     let device = arguments.picture.open_device()?;
+    let prepared = PreparedScene::with_bvh(&scene, settings.bvh_for(device.description().subgroup_size))?;
     let mut session = Session::new(&device, &prepared, &settings)?;
 
     let interrupted = stop_on_interrupt("finishing the samples that are begun; Ctrl-C again gives them up")?;
@@ -138,7 +138,7 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "fast_math": settings.fast_math,
         "paths_in_flight": statistics.paths_in_flight,
         "workgroup_size_invocations": statistics.workgroup_size,
-        "bvh": bvh_name(settings.bvh),
+        "bvh": bvh_name(statistics.bvh),
         "scene_fetch": if statistics.texel_fetch { "texel" } else { "storage" },
     }))
 }

@@ -42,9 +42,9 @@ pub struct ReplayArguments {
     /// Rays of a launch, at most; without, as many as the device takes, up to 4,194,304
     #[arg(long, value_name = "RAYS", value_parser = clap::value_parser!(u32).range(1..))]
     in_flight: Option<u32>,
-    /// Shape of the BVH
-    #[arg(long, default_value = "cwbvh")]
-    bvh: BvhName,
+    /// Shape of the BVH; without, by device
+    #[arg(long)]
+    bvh: Option<BvhName>,
     /// Device, by number or part of its name; see `raywave devices`
     #[arg(long, env = "RAYWAVE_DEVICE")]
     device: Option<String>,
@@ -61,15 +61,19 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         check_text_output(path)?;
     }
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
-    let prepared = PreparedScene::with_bvh(&scene, arguments.bvh.into())?;
+    let settings = Settings {
+        workgroup_size: arguments.workgroup,
+        in_flight: arguments.in_flight,
+        bvh: arguments.bvh.map(Into::into),
+        ..Settings::of(&scene)
+    };
+    let device = open_device(arguments.device.as_deref())?;
+    let prepared = PreparedScene::with_bvh(&scene, settings.bvh_for(device.description().subgroup_size))?;
     let RayDump { metadata, rays } = RayDump::read(&arguments.file, &ray_scene(&scene, &prepared))?;
     if let Some(path) = &arguments.json {
         let same = is_same_file(path, &arguments.file)?;
         ensure!(!same, "{}: --json would overwrite the rays; name another file", path.display());
     }
-    let settings =
-        Settings { workgroup_size: arguments.workgroup, in_flight: arguments.in_flight, ..Settings::of(&scene) };
-    let device = open_device(arguments.device.as_deref())?;
     let mut replay = Replay::new(&device, &prepared, &settings, metadata.class, &rays, arguments.repeat)?;
     let outcome = replay.run(arguments.rounds as usize)?;
     let work = Replay::count_work(&device, &prepared, &settings, metadata.class, &rays)?;
@@ -78,7 +82,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         repeat: arguments.repeat,
         device: device.description(),
         outcome,
-        bvh: bvh_name(arguments.bvh.into()),
+        bvh: bvh_name(prepared.bvh.kind),
         work,
     };
     if let Some(path) = &arguments.json {

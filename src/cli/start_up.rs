@@ -161,8 +161,8 @@ pub fn first_sample(arguments: &FirstSampleArguments) -> anyhow::Result<()> {
     let settings: Settings = serde_json::from_reader(std::io::stdin().lock()).context("no settings on stdin")?;
     settings.validate()?;
     let scene = load_scene(arguments.scene.as_deref(), true)?;
-    let prepared = PreparedScene::with_bvh(&scene, settings.bvh)?;
     let device = open_device(arguments.device.as_deref())?;
+    let prepared = PreparedScene::with_bvh(&scene, settings.bvh_for(device.description().subgroup_size))?;
     let settings = Settings { samples: 1, ..settings };
     let mut session = Session::new(&device, &prepared, &settings)?;
     let outcome = session.render(|_| ControlFlow::Continue(()))?;

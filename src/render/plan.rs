@@ -159,7 +159,6 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::BvhKind;
     use crate::render::{Scheduler, Sort};
     use crate::scene::Integrator;
     use proptest::prelude::*;
@@ -186,7 +185,7 @@ mod tests {
             workgroup_size: None,
             shading_cost: 0,
             material_branches: 1,
-            bvh: BvhKind::Bvh2,
+            bvh: None,
             sort: Sort::None,
             paths_per_invocation: None,
             fast_math: false,

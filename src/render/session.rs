@@ -11,6 +11,7 @@ use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
 use super::prepare::{PrepareError, PreparedScene};
 use super::settings::{Scheduler, Settings, Sort};
 use super::{megakernel, wavefront};
+use crate::bvh::BvhKind;
 use crate::constants::{COUNTED_BOUNCES, STAGES};
 use crate::film::FilmMoments;
 use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDescription, GpuError, KernelTime};
@@ -109,6 +110,8 @@ pub struct Statistics {
     pub workgroup_size: u32,
     /// Paths that an invocation of the megakernel followed.
     pub paths_per_invocation: u32,
+    /// Shape of the BVH.
+    pub bvh: BvhKind,
     /// Whether scene buffers were read by texels.
     pub texel_fetch: bool,
     /// Work by bounce and then by `STAGE_*`, of a session that counts; else empty.
@@ -154,6 +157,7 @@ pub struct Session {
     pub(super) executor: Executor,
     pub(super) plan: Plan,
     pub(super) settings: Settings,
+    bvh: BvhKind,
     counting: bool,
 }
 
@@ -182,7 +186,7 @@ impl Session {
             Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
         };
         let executor = open_executor(device, scene, settings, &plan, &names, options)?;
-        Ok(Self { executor, plan, settings: *settings, counting: options.counting })
+        Ok(Self { executor, plan, settings: *settings, bvh: scene.bvh.kind, counting: options.counting })
     }
 
     /// Time that the driver took to build each kernel, by name.
@@ -309,6 +313,7 @@ impl Session {
             paths_in_flight: self.plan.path_capacity,
             workgroup_size: self.plan.workgroup_size,
             paths_per_invocation: self.plan.paths_per_invocation,
+            bvh: self.bvh,
             texel_fetch: self.executor.access().texel_fetch,
             work_counts,
         };

@@ -59,8 +59,8 @@ pub struct Settings {
     /// [1, [`MAX_MATERIAL_BRANCHES`]], to stand for a scene of so many BSDFs. They do not change the
     /// image.
     pub material_branches: u32,
-    /// The shape of the BVH.
-    pub bvh: BvhKind,
+    /// The shape of the BVH; `None` leaves it to the device.
+    pub bvh: Option<BvhKind>,
     /// The order in which the wavefront shades.
     pub sort: Sort,
     /// Paths that an invocation of the megakernel follows one after the other, at least 1. Above 1
@@ -106,11 +106,17 @@ impl Settings {
             workgroup_size: None,
             shading_cost: 0,
             material_branches: 1,
-            bvh: BvhKind::Cwbvh,
+            bvh: None,
             sort: Sort::None,
             paths_per_invocation: None,
             fast_math: false,
         }
+    }
+
+    /// The shape of the BVH on a device of so many lanes a subgroup. On lavapipe's eight the eight-wide
+    /// one is the faster, on SwiftShader's four the two-wide one.
+    pub fn bvh_for(&self, lanes: u32) -> BvhKind {
+        self.bvh.unwrap_or(if lanes < 8 { BvhKind::Bvh2 } else { BvhKind::Cwbvh })
     }
 
     /// Whether they make sense together.

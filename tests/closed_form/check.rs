@@ -40,7 +40,7 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         workgroup_size: None,
         shading_cost: 0,
         material_branches: 1,
-        bvh: raywave::bvh::BvhKind::Bvh2,
+        bvh: None,
         sort: Sort::None,
         paths_per_invocation: None,
         fast_math: false,
