@@ -39,8 +39,6 @@ uint descend(uint current, vec3 origin, vec3 inverse, float limit, inout Stack s
 uint leaf_count(uint leaf) { return (leaf & ~LEAF_BIT) >> LEAF_COUNT_SHIFT; }
 uint leaf_first(uint leaf) { return leaf & ((1u << LEAF_COUNT_SHIFT) - 1u); }
 
-// The nearest hit. Among equal distances the triangle that the scene lists first wins, so that
-// the answer does not depend on the order of the walk.
 Hit trace_closest_binary(Ray ray) {
     vec3 inverse = safe_inverse(ray.direction);
     RaySpace space = ray_space(ray.direction);
@@ -56,15 +54,7 @@ Hit trace_closest_binary(Ray ray) {
             uint triangle = leaf_first(current);
             uint end = triangle + leaf_count(current);
             while (triangle < end) {
-                count_triangle();
-                Triangle t = fetch_triangle(triangle);
-                float distance;
-                vec2 barycentrics;
-                bool hit = intersect_triangle(ray.origin, space, t, distance, barycentrics) && triangle != ray.leaves;
-                if (hit && (distance < nearest.distance || (distance == nearest.distance && t.original < nearest_original))) {
-                    nearest = Hit(triangle, barycentrics, distance);
-                    nearest_original = t.original;
-                }
+                meet_triangle(triangle, ray, space, nearest, nearest_original);
                 triangle += 1u;
             }
             current = update_stack(stack, false, true, 0u);
@@ -73,7 +63,6 @@ Hit trace_closest_binary(Ray ray) {
     return nearest;
 }
 
-// Whether anything but the triangle `target` lies on the ray nearer than `limit`.
 bool trace_any_binary(Ray ray, uint target, float limit) {
     vec3 inverse = safe_inverse(ray.direction);
     RaySpace space = ray_space(ray.direction);
@@ -88,11 +77,7 @@ bool trace_any_binary(Ray ray, uint target, float limit) {
             uint triangle = leaf_first(current);
             uint end = triangle + leaf_count(current);
             while (triangle < end) {
-                count_triangle();
-                float distance;
-                vec2 barycentrics;
-                bool hit = intersect_triangle(ray.origin, space, fetch_triangle(triangle), distance, barycentrics);
-                blocked = blocked || (hit && distance < limit && triangle != ray.leaves && triangle != target);
+                blocked = blocks(triangle, ray, space, target, limit) || blocked;
                 triangle += 1u;
             }
             uint newest = update_stack(stack, false, true, 0u);

@@ -4,8 +4,7 @@
 #include "binary.glsl"
 #include "wide.glsl"
 
-// The nearest hit. Among equal distances the triangle that the scene lists first wins, so that
-// the answer does not depend on the order of the walk.
+// The nearest hit.
 Hit trace_closest(Ray ray) {
     Hit hit;
     if (BVH_WIDTH == 2u) {

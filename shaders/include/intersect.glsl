@@ -2,6 +2,7 @@
 #ifndef INTERSECT_GLSL
 #define INTERSECT_GLSL
 #include "geometry.glsl"
+#include "work.glsl"
 
 // The ray's own space: its axes permuted so that the direction is longest along z, then sheared
 // so that it becomes (0, 0, 1). (Woop, Benthin and Wald 2013, Watertight Ray/Triangle Intersection)
@@ -45,6 +46,29 @@ bool intersect_triangle(vec3 origin, RaySpace space, Triangle t, out float dista
     barycentrics = vec2(v, w) * inverse;
     bool inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
     return inside && determinant != 0.0 && distance > 0.0;
+}
+
+// Makes a triangle the nearest hit if it is nearer. Among equal distances the one that the scene
+// lists first is, so that the answer does not depend on the order of the walk.
+void meet_triangle(uint triangle, Ray ray, RaySpace space, inout Hit nearest, inout uint nearest_original) {
+    count_triangle();
+    Triangle t = fetch_triangle(triangle);
+    float distance;
+    vec2 barycentrics;
+    bool hit = intersect_triangle(ray.origin, space, t, distance, barycentrics) && triangle != ray.leaves;
+    if (hit && (distance < nearest.distance || (distance == nearest.distance && t.original < nearest_original))) {
+        nearest = Hit(triangle, barycentrics, distance);
+        nearest_original = t.original;
+    }
+}
+
+// Whether a triangle that is not `target` lies on the ray nearer than `limit`.
+bool blocks(uint triangle, Ray ray, RaySpace space, uint target, float limit) {
+    count_triangle();
+    float distance;
+    vec2 barycentrics;
+    bool hit = intersect_triangle(ray.origin, space, fetch_triangle(triangle), distance, barycentrics);
+    return hit && distance < limit && triangle != ray.leaves && triangle != target;
 }
 
 #endif

@@ -118,17 +118,8 @@ Hit trace_closest_wide(Ray ray) {
             node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
         }
         while (triangles != 0u) {
-            count_triangle();
-            uint triangle = first_triangle + findLSB(triangles);
+            meet_triangle(first_triangle + findLSB(triangles), ray, space, nearest, nearest_original);
             triangles &= triangles - 1u;
-            Triangle t = fetch_triangle(triangle);
-            float distance;
-            vec2 barycentrics;
-            bool hit = intersect_triangle(ray.origin, space, t, distance, barycentrics) && triangle != ray.leaves;
-            if (hit && (distance < nearest.distance || (distance == nearest.distance && t.original < nearest_original))) {
-                nearest = Hit(triangle, barycentrics, distance);
-                nearest_original = t.original;
-            }
         }
     }
     return nearest;
@@ -149,13 +140,8 @@ bool trace_any_wide(Ray ray, uint target, float limit) {
             node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
         }
         while (triangles != 0u) {
-            count_triangle();
-            uint triangle = first_triangle + findLSB(triangles);
+            blocked = blocks(first_triangle + findLSB(triangles), ray, space, target, limit) || blocked;
             triangles &= triangles - 1u;
-            float distance;
-            vec2 barycentrics;
-            bool hit = intersect_triangle(ray.origin, space, fetch_triangle(triangle), distance, barycentrics);
-            blocked = blocked || (hit && distance < limit && triangle != ray.leaves && triangle != target);
         }
         node = blocked ? NO_NODE : node;
     }
