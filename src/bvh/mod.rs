@@ -93,9 +93,9 @@ impl Bvh {
     /// has no more than [`BvhKind::max_nodes`].
     ///
     /// Whatever its shape, it comes from a binary tree of obvhs's preset `medium_build`: PLOC with
-    /// reinsertion, near the slower presets in traversal
-    /// cost at a fraction of their time, and without spatial splits, so that every triangle lies
-    /// in one leaf and every box holds its triangles whole.
+    /// reinsertion, near the slower presets in traversal cost at a fraction of their time, and
+    /// without spatial splits, so that every triangle lies in one leaf and every box holds its
+    /// triangles whole.
     pub fn build(kind: BvhKind, triangles: &[[Vec3; 3]]) -> Self {
         let input: Vec<Triangle> =
             triangles.iter().map(|t| Triangle { v0: t[0].into(), v1: t[1].into(), v2: t[2].into() }).collect();
@@ -115,7 +115,7 @@ impl Bvh {
         };
         match kind {
             BvhKind::Bvh2 => bvh.flatten(&tree),
-            BvhKind::Bvh4 | BvhKind::Cwbvh => wide::collapse(&tree, kind.width() as usize, &mut bvh),
+            BvhKind::Bvh4 | BvhKind::Cwbvh => wide::collapse(&tree, &mut bvh),
         }
         bvh.build_time = start.elapsed();
         bvh

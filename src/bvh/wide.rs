@@ -20,8 +20,9 @@ struct Child {
     octant: u32,
 }
 
-/// Collapses `tree`, whose leaves hold one triangle each, to nodes of `width` children.
-pub(super) fn collapse(tree: &Bvh2, width: usize, bvh: &mut Bvh) {
+/// Collapses `tree`, whose leaves hold one triangle each, to nodes as wide as the kind of `bvh` has them.
+pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
+    let width = bvh.kind.width() as usize;
     let counts = triangle_counts(tree);
     let root_area = f64::from(tree.nodes[0].aabb.half_area()).max(f64::MIN_POSITIVE);
     let node_texels = bvh.kind.node_texels();
@@ -36,7 +37,7 @@ pub(super) fn collapse(tree: &Bvh2, width: usize, bvh: &mut Bvh) {
         let is_leaf = |child: &Child| counts[child.source as usize] <= WIDE_LEAF_TRIANGLES;
 
         let mut node = NodeWriter::new(&tree.nodes[source as usize].aabb, bvh.order.len() as u32);
-        node.first_child = (bvh.texels.len() / node_texels) as u32;
+        node.first_child = bvh.node_count() as u32;
         // Inner children lie in the order of their octants, for a count of bits to find them.
         children.sort_by_key(|child| child.octant);
         for child in &children {
@@ -50,7 +51,7 @@ pub(super) fn collapse(tree: &Bvh2, width: usize, bvh: &mut Bvh) {
                 bvh.sah_cost += f64::from(aabb.half_area()) / root_area * f64::from(count);
             } else {
                 node.push_inner(aabb, octant);
-                open.push((source, (bvh.texels.len() / node_texels) as u32, depth + 1));
+                open.push((source, bvh.node_count() as u32, depth + 1));
                 bvh.texels.resize(bvh.texels.len() + node_texels, [0; 4]);
             }
         }
