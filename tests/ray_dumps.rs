@@ -5,14 +5,14 @@ mod common;
 
 use std::ops::ControlFlow;
 
-use common::{assert_silent, device, own_scene};
+use common::{assert_silent, device, gallery, own_scene};
 use glam::{DVec3, Vec3};
 use raywave::bvh::{BvhKind, Ray, count_any, count_closest, trace_any, trace_closest};
 use raywave::constants::NO_TRIANGLE;
 use raywave::gpu::Device;
 use raywave::rays::{RayClass, RayOrder, RayRecord};
 use raywave::render::{PreparedScene, QueuedRays, RenderError, Replay, Scheduler, Session, Settings};
-use raywave::scene::{Integrator, Scene, generate_gallery};
+use raywave::scene::{Integrator, Scene};
 
 const SIZE: u32 = 20;
 const SAMPLES: u32 = 3;
@@ -42,12 +42,6 @@ fn dump(device: &Device, scene: &PreparedScene, settings: &Settings, class: RayC
 
 fn bits(rays: &[RayRecord]) -> &[u32] {
     bytemuck::cast_slice(rays)
-}
-
-fn gallery() -> Scene {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    generate_gallery(folder.path(), 5_000).expect("the gallery is written");
-    Scene::load(&folder.path().join("gallery.toml")).expect("the gallery loads")
 }
 
 #[test]
@@ -204,7 +198,7 @@ fn hits_on_cpu(scene: &PreparedScene, class: RayClass, rays: &[RayRecord]) -> u6
 fn replays_find_what_the_cpu_finds() {
     let device = device();
     // The gallery's stacks outgrow the registers; the sky is a light without a triangle.
-    for scene in [own_scene("cornell-box"), own_scene("textured-sky"), gallery()] {
+    for scene in [own_scene("cornell-box"), own_scene("textured-sky"), gallery(5_000)] {
         let prepared = prepared(&scene);
         for (class, bounce) in [(RayClass::Camera, 0), (RayClass::Bounce, 1), (RayClass::Shadow, 0)] {
             let rays = dump(&device, &prepared, &settings(&scene), class, bounce).rays;

@@ -6,14 +6,13 @@ mod common;
 
 use std::fs;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
 
-use common::{device, own_scene, project_file, render_on};
+use common::{device, gallery, own_scene, project_file, render_on};
 use glam::DVec3;
 use rayon::prelude::*;
 use raywave::gpu::Device;
 use raywave::render::{Outcome, PreparedScene, RenderError, Scheduler, Session, Settings};
-use raywave::scene::{Integrator, Scene, generate_gallery};
+use raywave::scene::{Integrator, Scene};
 
 const SIZE: u32 = 20;
 const SAMPLES: u32 = 3;
@@ -23,13 +22,8 @@ fn all_scenes() -> Vec<(String, Scene)> {
     let entries = fs::read_dir(project_file("scenes")).expect("the folder of scenes is readable");
     let paths = entries.map(|entry| entry.expect("its entries are readable").path());
     let own = paths.filter(|path| path.extension().is_some_and(|extension| extension == "toml"));
-    let gallery = tempfile::tempdir().expect("a temporary folder");
-    generate_gallery(gallery.path(), 5000).expect("the gallery is written");
-    let load = |path: PathBuf| {
-        let scene = Scene::load(&path).expect("own scenes load");
-        (scene.name.clone(), scene)
-    };
-    own.chain([gallery.path().join("gallery.toml")]).map(load).collect()
+    let scenes = own.map(|path| Scene::load(&path).expect("own scenes load")).chain([gallery(5000)]);
+    scenes.map(|scene| (scene.name.clone(), scene)).collect()
 }
 
 /// A render of three samples, small enough for every scene: what must not depend on the scheduler.

@@ -6,13 +6,13 @@ mod common;
 use bytemuck::{Pod, Zeroable};
 use common::meshes::{Mesh, ball, cuboid, placed, soup};
 use common::probe::{Bench, Uniform, lanes, scene_of};
-use common::{device, own_scene};
+use common::{device, gallery, own_scene};
 use glam::{DMat3, DVec3, Vec3};
 use raywave::bvh::{self, Bvh, BvhKind, Ray};
 use raywave::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE};
 use raywave::gpu::Device;
 use raywave::layout::Node;
-use raywave::scene::{Scene, generate_gallery};
+use raywave::scene::Scene;
 
 /// Input of the probe `traversal`.
 #[repr(C)]
@@ -179,9 +179,7 @@ fn own_scenes_are_traced_as_on_the_cpu_and_as_in_f64() {
     let device = device();
     check(&device, &own_scene("cornell-box"), 100_000);
     check(&device, &own_scene("furnace"), 20_000);
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    generate_gallery(folder.path(), 20_000).expect("the gallery is written");
-    check(&device, &Scene::load(&folder.path().join("gallery.toml")).expect("the gallery loads"), 40_000);
+    check(&device, &gallery(20_000), 40_000);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use raywave::gpu::{Device, Instance};
 use raywave::render::{Outcome, PreparedScene, Session, Settings};
-use raywave::scene::Scene;
+use raywave::scene::{Scene, generate_gallery};
 
 /// The device of `RAYWAVE_DEVICE`, or the best one, with validation on.
 pub fn device() -> Device {
@@ -54,6 +54,13 @@ pub fn project_file(path: &str) -> PathBuf {
 /// A scene of `scenes/`.
 pub fn own_scene(name: &str) -> Scene {
     Scene::load(&project_file(&format!("scenes/{name}.toml"))).expect("own scenes load")
+}
+
+/// A gallery of about so many triangles.
+pub fn gallery(triangles: usize) -> Scene {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    generate_gallery(folder.path(), triangles).expect("the gallery is written");
+    Scene::load(&folder.path().join("gallery.toml")).expect("the gallery loads")
 }
 
 /// A scene from texts: `scene.toml`, `scene.obj`, `scene.mtl`.
