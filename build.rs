@@ -139,6 +139,9 @@ fn compile(
         if requested == "constants.glsl" {
             return Ok(shaderc::ResolvedInclude { resolved_name: requested.to_owned(), content: glsl_constants() });
         }
+        if requested == "listed_triangles.glsl" {
+            return Ok(shaderc::ResolvedInclude { resolved_name: requested.to_owned(), content: glsl_listed_triangles() });
+        }
         let found = INCLUDES.iter().map(|folder| format!("{folder}/{requested}")).find(|path| Path::new(path).exists());
         let resolved_name = found.ok_or_else(|| format!("{requested} is in none of {INCLUDES:?}"))?;
         let content = fs::read_to_string(&resolved_name).map_err(|error| format!("{resolved_name}: {error}"))?;
@@ -159,6 +162,24 @@ fn glsl_constants() -> String {
         writeln!(text, "#define {name} {value}u").expect("strings grow");
         text
     })
+}
+
+/// The specialization constants that hold the vertices of listed triangles, and an initialiser of an
+/// array of the vertices: GLSL has no constant arrays of specialization constants.
+fn glsl_listed_triangles() -> String {
+    let floats = 0..9 * constants::LISTED_TRIANGLES;
+    let mut text = floats.fold(String::new(), |mut text, i| {
+        let id = constants::SPEC_LISTED_TRIANGLES + i;
+        writeln!(text, "layout(constant_id = {id}) const float LISTED_{i} = 0.0;").expect("strings grow");
+        text
+    });
+    let vertices = (0..3 * constants::LISTED_TRIANGLES).map(|v| {
+        let i = 3 * v;
+        format!("vec3(LISTED_{i}, LISTED_{}, LISTED_{})", i + 1, i + 2)
+    });
+    let vertices: Vec<_> = vertices.collect();
+    writeln!(text, "#define LISTED_VERTICES vec3[]({})", vertices.join(", ")).expect("strings grow");
+    text
 }
 
 /// Decorates all float arithmetic NoContraction: two kernels that call the same function then

@@ -48,6 +48,8 @@ shared_constants! {
     WIDE_LEAF_TRIANGLES = 3;
     /// Most nodes of a wide BVH: a stack entry has 24 bits for one, and 8 for its children.
     WIDE_MAX_NODES = 1 << 24;
+    /// Most triangles of a list: a kernel has instructions for each of them.
+    LISTED_TRIANGLES = 64;
     /// 16-byte texels of a node of the two-wide BVH.
     NODE_TEXELS = 4;
     /// 16-byte texels of a triangle.
@@ -115,6 +117,10 @@ shared_constants! {
     SPEC_SORTED = 15;
     /// Whether an invocation of the megakernel goes on with another path when one has ended.
     SPEC_REGENERATES = 16;
-    /// Children of a BVH node: 2, 4 or 8.
+    /// Children of a BVH node: 2, 4 or 8; 1 is a list of triangles without nodes.
     SPEC_BVH_WIDTH = 17;
+    /// Triangles of the list.
+    SPEC_LISTED_COUNT = 18;
+    /// The first of nine constants a triangle of the list, its vertices.
+    SPEC_LISTED_TRIANGLES = 64;
 }

@@ -28,7 +28,7 @@ fn sums(outcome: Outcome) -> Vec<DVec3> {
 
 fn count(device: &Device, scene: &Scene, settings: &Settings) -> Outcome {
     let prepared =
-        PreparedScene::with_bvh(scene, settings.bvh_for(device.description().subgroup_size)).expect("the scene fits");
+        PreparedScene::with_bvh(scene, settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len())).expect("the scene fits");
     let options = SessionOptions { counting: true, ..SessionOptions::default() };
     let mut session = Session::with_options(device, &prepared, settings, options).expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
@@ -45,25 +45,23 @@ fn stage(outcome: &Outcome, stage: u32) -> Vec<WorkCount> {
 #[test]
 fn work_that_is_added_or_moved_leaves_no_trace() {
     let device = device();
-    for name in ["cornell-glass", "cornell-phong"] {
+    for name in ["cornell-glass", "cornell-phong", "cornell-box"] {
         let scene = own_scene(name);
         let reference = sums(render_on(&device, &scene, &small(&scene)));
         assert!(reference.iter().any(|sum| *sum != DVec3::ZERO));
         for scheduler in SCHEDULERS {
             let plain = Settings { scheduler, ..small(&scene) };
-            for settings in [
+            let bvhs = BvhKind::all_of(scene.mesh.triangles.len()).map(|kind| Settings { bvh: Some(kind), ..plain });
+            for settings in bvhs.chain([
                 Settings { shading_cost: 100, ..plain },
                 Settings { material_branches: 5, ..plain },
                 Settings { material_branches: 127, shading_cost: 3, ..plain },
                 Settings { sort: Sort::Material, ..plain },
                 Settings { sort: Sort::Material, material_branches: 5, ..plain },
-                Settings { bvh: Some(BvhKind::Bvh2), ..plain },
-                Settings { bvh: Some(BvhKind::Bvh4), ..plain },
-                Settings { bvh: Some(BvhKind::Cwbvh), ..plain },
                 // Paths are short of a whole number of paths for each invocation.
                 Settings { paths_per_invocation: Some(1), ..plain },
                 Settings { paths_per_invocation: Some(7), workgroup_size: Some(32), ..plain },
-            ] {
+            ]) {
                 assert!(reference == sums(render_on(&device, &scene, &settings)), "{name} differs with {settings:?}");
             }
         }
@@ -124,7 +122,7 @@ fn rays_that_are_alike_do_what_the_cpu_does_and_leave_no_lane_idle() {
     scene.camera.vfov = 1e-6;
     let settings = Settings { width: 16, height: 16, samples: 2, max_bounces: Some(0), ..Settings::of(&scene) };
     let counted = count(&device, &scene, &settings);
-    let kind = settings.bvh_for(device.description().subgroup_size);
+    let kind = settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len());
     let prepared = PreparedScene::with_bvh(&scene, kind).expect("the scene fits");
     let frame = prepared.frame(&settings, 1);
     let ray =

@@ -42,25 +42,24 @@ uint leaf_first(uint leaf) { return leaf & ((1u << LEAF_COUNT_SHIFT) - 1u); }
 Hit trace_closest_binary(Ray ray) {
     vec3 inverse = safe_inverse(ray.direction);
     RaySpace space = ray_space(ray.direction);
-    Hit nearest = Hit(NO_TRIANGLE, vec2(0.0), FARTHEST);
-    uint nearest_original = NO_TRIANGLE;
+    Nearest nearest = nothing();
     Stack stack = empty_stack();
     uint current = 0u;
     while (current != TRAVERSAL_DONE) {
         while (is_inner(current)) {
-            current = descend(current, ray.origin, inverse, nearest.distance, stack);
+            current = descend(current, ray.origin, inverse, nearest.hit.distance, stack);
         }
         if (current != TRAVERSAL_DONE) {
             uint triangle = leaf_first(current);
             uint end = triangle + leaf_count(current);
             while (triangle < end) {
-                meet_triangle(triangle, ray, space, nearest, nearest_original);
+                meet_triangle(triangle, ray, space, nearest);
                 triangle += 1u;
             }
             current = update_stack(stack, false, true, 0u);
         }
     }
-    return nearest;
+    return nearest.hit;
 }
 
 bool trace_any_binary(Ray ray, uint target, float limit) {
@@ -77,7 +76,7 @@ bool trace_any_binary(Ray ray, uint target, float limit) {
             uint triangle = leaf_first(current);
             uint end = triangle + leaf_count(current);
             while (triangle < end) {
-                blocked = blocks(triangle, ray, space, target, limit) || blocked;
+                blocked = blocks(triangle, fetch_triangle(triangle), ray, space, target, limit) || blocked;
                 triangle += 1u;
             }
             uint newest = update_stack(stack, false, true, 0u);

@@ -31,9 +31,17 @@ vec3 to_ray_space(RaySpace space, vec3 origin, vec3 vertex) {
     return vec3(p.xy - space.shear.xy * p.z, p.z);
 }
 
-// Intersects one triangle. Each edge's sign is that of the exact sheared geometry or zero, and
-// zero counts as inside, so a ray cannot slip between neighbours.
-bool intersect_triangle(vec3 origin, RaySpace space, Triangle t, out float distance, out vec2 barycentrics) {
+// Orders hits in one unsigned comparison: what lies behind the origin or at it, and NaN, comes after
+// every distance in front. Comparisons are dear on software devices, arithmetic on bits is not.
+uint nearness(float distance) { return floatBitsToUint(distance) - 1u; }
+
+// The highest bit tells whether the number is below zero, which -0 is not.
+uint below_zero(uint bits) { return bits & (bits - 1u); }
+
+// Intersects one triangle and yields the nearness of the hit, or a number with its highest bit set.
+// Each edge's sign is that of the exact sheared geometry or zero, and zero counts as inside, so a ray
+// cannot slip between neighbours.
+uint intersect_triangle(vec3 origin, RaySpace space, Triangle t, out float distance, out vec2 barycentrics) {
     vec3 a = to_ray_space(space, origin, t.v0);
     vec3 b = to_ray_space(space, origin, t.v1);
     vec3 c = to_ray_space(space, origin, t.v2);
@@ -44,31 +52,47 @@ bool intersect_triangle(vec3 origin, RaySpace space, Triangle t, out float dista
     float inverse = 1.0 / determinant;
     distance = (u * a.z + v * b.z + w * c.z) * (inverse * space.shear.z);
     barycentrics = vec2(v, w) * inverse;
-    bool inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
-    return inside && determinant != 0.0 && distance > 0.0;
+    // Inside, all three have the sign of their sum. Where it is zero the distance is no number.
+    uint sign = floatBitsToUint(determinant) & 0x80000000u;
+    uint outside = below_zero(floatBitsToUint(u) ^ sign) | below_zero(floatBitsToUint(v) ^ sign)
+        | below_zero(floatBitsToUint(w) ^ sign);
+    return nearness(distance) | (outside & 0x80000000u);
 }
 
-// Makes a triangle the nearest hit if it is nearer. Among equal distances the one that the scene
-// lists first is, so that the answer does not depend on the order of the walk.
-void meet_triangle(uint triangle, Ray ray, RaySpace space, inout Hit nearest, inout uint nearest_original) {
+// The nearest hit so far.
+struct Nearest {
+    Hit hit;
+    uint original;  // the triangle's index in the scene's order
+};
+
+Nearest nothing() { return Nearest(Hit(NO_TRIANGLE, vec2(0.0), FARTHEST), NO_TRIANGLE); }
+
+// Makes `t`, at place `triangle`, the nearest hit if it is nearer, or as near and `wins_ties`.
+void meet_triangle(uint triangle, Triangle t, bool wins_ties, Ray ray, RaySpace space, inout Nearest nearest) {
     count_triangle();
-    Triangle t = fetch_triangle(triangle);
     float distance;
     vec2 barycentrics;
-    bool hit = intersect_triangle(ray.origin, space, t, distance, barycentrics) && triangle != ray.leaves;
-    if (hit && (distance < nearest.distance || (distance == nearest.distance && t.original < nearest_original))) {
-        nearest = Hit(triangle, barycentrics, distance);
-        nearest_original = t.original;
+    uint met = intersect_triangle(ray.origin, space, t, distance, barycentrics);
+    uint limit = nearness(nearest.hit.distance) + (wins_ties ? 1u : 0u);
+    if (met < limit && triangle != ray.leaves) {
+        nearest = Nearest(Hit(triangle, barycentrics, distance), t.original);
     }
 }
 
-// Whether a triangle that is not `target` lies on the ray nearer than `limit`.
-bool blocks(uint triangle, Ray ray, RaySpace space, uint target, float limit) {
+// As above, of the triangle at that place. Among equal distances the one that the scene lists first
+// wins, so that the answer does not depend on the order of the walk.
+void meet_triangle(uint triangle, Ray ray, RaySpace space, inout Nearest nearest) {
+    Triangle t = fetch_triangle(triangle);
+    meet_triangle(triangle, t, t.original < nearest.original, ray, space, nearest);
+}
+
+// Whether `t`, at place `triangle`, lies on the ray nearer than `limit` and is not `target`.
+bool blocks(uint triangle, Triangle t, Ray ray, RaySpace space, uint target, float limit) {
     count_triangle();
     float distance;
     vec2 barycentrics;
-    bool hit = intersect_triangle(ray.origin, space, fetch_triangle(triangle), distance, barycentrics);
-    return hit && distance < limit && triangle != ray.leaves && triangle != target;
+    uint met = intersect_triangle(ray.origin, space, t, distance, barycentrics);
+    return met < nearness(limit) && triangle != ray.leaves && triangle != target;
 }
 
 #endif

@@ -21,6 +21,7 @@ layout(constant_id = SPEC_MATERIAL_BRANCHES) const uint MATERIAL_BRANCHES = 1u;
 layout(constant_id = SPEC_SORTED) const bool SORTED = false;
 layout(constant_id = SPEC_REGENERATES) const bool REGENERATES = false;
 layout(constant_id = SPEC_BVH_WIDTH) const uint BVH_WIDTH = 2u;
+layout(constant_id = SPEC_LISTED_COUNT) const uint LISTED_COUNT = 0u;
 
 const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
 const bool HAS_SPECULAR = HAS_MIRROR || HAS_GLASS;

@@ -105,24 +105,23 @@ uint next_node(uint node, uint inner, uint octant, inout Stack stack) {
 Hit trace_closest_wide(Ray ray) {
     GridRay grid = grid_ray(ray);
     RaySpace space = ray_space(ray.direction);
-    Hit nearest = Hit(NO_TRIANGLE, vec2(0.0), FARTHEST);
-    uint nearest_original = NO_TRIANGLE;
+    Nearest nearest = nothing();
     Stack stack = empty_stack();
     uint node = 0u;
     while (node != NO_NODE) {
         uint triangles = 0u;
         uint first_triangle = 0u;
         while (triangles == 0u && node != NO_NODE) {
-            uint hits = meet_children(node, grid, nearest.distance, first_triangle);
+            uint hits = meet_children(node, grid, nearest.hit.distance, first_triangle);
             triangles = hits & ((1u << WIDE_INNER_BIT) - 1u);
             node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
         }
         while (triangles != 0u) {
-            meet_triangle(first_triangle + findLSB(triangles), ray, space, nearest, nearest_original);
+            meet_triangle(first_triangle + findLSB(triangles), ray, space, nearest);
             triangles &= triangles - 1u;
         }
     }
-    return nearest;
+    return nearest.hit;
 }
 
 bool trace_any_wide(Ray ray, uint target, float limit) {
@@ -140,7 +139,8 @@ bool trace_any_wide(Ray ray, uint target, float limit) {
             node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
         }
         while (triangles != 0u) {
-            blocked = blocks(first_triangle + findLSB(triangles), ray, space, target, limit) || blocked;
+            uint triangle = first_triangle + findLSB(triangles);
+            blocked = blocks(triangle, fetch_triangle(triangle), ray, space, target, limit) || blocked;
             triangles &= triangles - 1u;
         }
         node = blocked ? NO_NODE : node;

@@ -17,11 +17,14 @@ use serde::{Deserialize, Serialize};
 
 pub use traverse::{Hit, Ray, Work, count_any, count_closest, intersect_triangle, trace_any, trace_closest};
 
-use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES, WIDE_MAX_NODES};
+use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES, LISTED_TRIANGLES, WIDE_MAX_NODES};
 use crate::layout::Node;
 
 /// Most triangles that a leaf reference can address.
 pub const MAX_TRIANGLES: usize = 1 << LEAF_COUNT_SHIFT;
+
+/// Most triangles that a list can hold.
+pub const MAX_LISTED: usize = LISTED_TRIANGLES as usize;
 
 /// Levels after which the rest of a tree is balanced. Trees of scenes are shallower; but of boxes
 /// that coincide obvhs makes a chain as long as they are many, and the kernels' stack has an entry
@@ -31,6 +34,9 @@ const FREE_LEVELS: u32 = 60;
 /// Shapes that a tree can be given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum BvhKind {
+    /// No tree: the kernels carry every triangle as constants, up to [`MAX_LISTED`] of them, and a ray
+    /// meets them all.
+    List,
     /// Two children a node, boxes in f32. 64 bytes a node.
     Bvh2,
     /// Four children a node, boxes in 8 bits. 64 bytes a node.
@@ -40,9 +46,16 @@ pub enum BvhKind {
 }
 
 impl BvhKind {
-    /// Children of a node.
+    /// The shapes that so many triangles can be given.
+    pub fn all_of(triangles: usize) -> impl Iterator<Item = Self> {
+        let list = (triangles <= MAX_LISTED).then_some(Self::List);
+        list.into_iter().chain([Self::Bvh2, Self::Bvh4, Self::Cwbvh])
+    }
+
+    /// Children of a node; 1 where there are none.
     pub fn width(self) -> u32 {
         match self {
+            Self::List => 1,
             Self::Bvh2 => 2,
             Self::Bvh4 => 4,
             Self::Cwbvh => 8,
@@ -52,6 +65,7 @@ impl BvhKind {
     /// Most nodes that references can address.
     pub fn max_nodes(self) -> usize {
         match self {
+            Self::List => 0,
             Self::Bvh2 => LEAF_BIT as usize,
             Self::Bvh4 | Self::Cwbvh => WIDE_MAX_NODES as usize,
         }
@@ -60,7 +74,7 @@ impl BvhKind {
     /// 16-byte texels of a node.
     pub fn node_texels(self) -> usize {
         match self {
-            Self::Bvh2 | Self::Bvh4 => 4,
+            Self::List | Self::Bvh2 | Self::Bvh4 => 4,
             Self::Cwbvh => 5,
         }
     }
@@ -71,8 +85,8 @@ impl BvhKind {
 pub struct Bvh {
     /// Its shape.
     pub kind: BvhKind,
-    /// Inner nodes as the kernels read them, the root first. Never empty: a tree of one leaf has a
-    /// root with one child.
+    /// Inner nodes as the kernels read them, the root first. A tree of one leaf has a root with one
+    /// child; a list has no nodes.
     pub texels: Vec<[u32; 4]>,
     /// For each place in leaf order, the index of the triangle in the input.
     pub order: Vec<u32>,
@@ -97,11 +111,14 @@ impl Bvh {
     /// without spatial splits, so that every triangle lies in one leaf and every box holds its
     /// triangles whole.
     pub fn build(kind: BvhKind, triangles: &[[Vec3; 3]]) -> Self {
+        let start = Instant::now();
+        if kind == BvhKind::List {
+            return Self::list(triangles.len(), start);
+        }
         let input: Vec<Triangle> =
             triangles.iter().map(|t| Triangle { v0: t[0].into(), v1: t[1].into(), v2: t[2].into() }).collect();
         let max_prims_per_leaf = if kind == BvhKind::Bvh2 { LEAF_MAX_TRIANGLES } else { 1 };
         let params = BvhBuildParams { max_prims_per_leaf, ..BvhBuildParams::medium_build() };
-        let start = Instant::now();
         let mut tree = build_bvh2_from_tris(&input, params, &mut Duration::default());
         limit_depth(&mut tree);
         let mut bvh = Self {
@@ -113,12 +130,26 @@ impl Bvh {
             sah_cost: 0.0,
             build_time: Duration::ZERO,
         };
-        match kind {
-            BvhKind::Bvh2 => bvh.flatten(&tree),
-            BvhKind::Bvh4 | BvhKind::Cwbvh => wide::collapse(&tree, &mut bvh),
+        if kind == BvhKind::Bvh2 {
+            bvh.flatten(&tree);
+        } else {
+            wide::collapse(&tree, &mut bvh);
         }
         bvh.build_time = start.elapsed();
         bvh
+    }
+
+    /// No tree: one leaf of all triangles, in the order that they come in.
+    fn list(triangles: usize, start: Instant) -> Self {
+        Self {
+            kind: BvhKind::List,
+            texels: Vec::new(),
+            order: (0..triangles as u32).collect(),
+            depth: 0,
+            leaf_count: 1,
+            sah_cost: triangles as f64,
+            build_time: start.elapsed(),
+        }
     }
 
     /// Nodes of the tree.

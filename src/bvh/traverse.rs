@@ -107,9 +107,16 @@ fn enter_box(low: [f32; 3], high: [f32; 3], origin: Vec3, inverse: Vec3, limit: 
 /// walk off.
 fn walk(bvh: &Bvh, ray: &Ray, limit: f32, visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
     match bvh.kind {
+        BvhKind::List => walk_list(&bvh.order, visit),
         BvhKind::Bvh2 => walk_binary(bvh.binary_nodes(), ray, limit, visit),
         BvhKind::Bvh4 | BvhKind::Cwbvh => walk_wide(bvh, ray, limit, visit),
     }
+}
+
+/// Visits all triangles at once, blocked or not, as the kernels do.
+fn walk_list(order: &[u32], mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
+    let _ = visit(order);
+    Work { nodes: 0, triangles: order.len() as u64 }
 }
 
 fn walk_binary(

@@ -106,7 +106,7 @@ impl DeviceRenderer {
         let settings = self.picture.settings(&scene)?;
         let (name, hash) = (scene.name.clone(), scene.hash.clone());
         let mut open = OpenScene { path, scene, settings, prepared: HashMap::new() };
-        let prepared = open.prepare(settings.bvh_for(self.device.description().subgroup_size))?;
+        let prepared = open.prepare(settings.bvh_for(self.device.description().subgroup_size, open.scene.mesh.triangles.len()))?;
         let facts = SceneFacts {
             scene: name,
             scene_hash: hash,
@@ -134,7 +134,7 @@ impl DeviceRenderer {
                 let options = SessionOptions { counting: true, ..SessionOptions::default() };
                 let lanes = self.device.description().subgroup_size;
                 let mut session =
-                    Session::with_options(&self.device, scene.prepare(settings.bvh_for(lanes))?, &settings, options)?;
+                    Session::with_options(&self.device, scene.prepare(settings.bvh_for(lanes, scene.scene.mesh.triangles.len()))?, &settings, options)?;
                 let outcome = session.render(|_| ControlFlow::Continue(()))?;
                 let mut measured = measurement(&settings, &outcome);
                 measured.counters = Some(work_counters(&outcome.statistics.work_counts, lanes));
@@ -148,7 +148,7 @@ impl DeviceRenderer {
     /// The first render of a configuration: from nothing to an image.
     fn render_first(&mut self, settings: Settings, key: String) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let prepared = scene.prepare(settings.bvh_for(self.device.description().subgroup_size))?;
+        let prepared = scene.prepare(settings.bvh_for(self.device.description().subgroup_size, scene.scene.mesh.triangles.len()))?;
         let mut session = Session::new(&self.device, prepared, &settings)?;
         let outcome = session.render(|_| ControlFlow::Continue(()))?;
         let mut measured = measurement(&settings, &outcome);
@@ -233,6 +233,7 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("in-flight", _) => settings.in_flight = Some(count()?),
             ("workgroup", _) => settings.workgroup_size = Some(count()?),
             ("paths-per-invocation", _) => settings.paths_per_invocation = Some(count()?),
+            ("bvh", "list") => settings.bvh = Some(BvhKind::List),
             ("bvh", "bvh2") => settings.bvh = Some(BvhKind::Bvh2),
             ("bvh", "bvh4") => settings.bvh = Some(BvhKind::Bvh4),
             ("bvh", "cwbvh") => settings.bvh = Some(BvhKind::Cwbvh),

@@ -50,7 +50,7 @@ pub struct PictureArguments {
     /// Branches that the scattering of hits is spread over by triangle, as if the scene had so many BSDFs
     #[arg(long, value_name = "BRANCHES", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_MATERIAL_BRANCHES)))]
     materials: u32,
-    /// Shape of the BVH; without, by device
+    /// Shape of the BVH; without, by device and size of the scene
     #[arg(long)]
     bvh: Option<BvhName>,
     /// Order in which the wavefront shades
@@ -83,6 +83,8 @@ enum SchedulerName {
 /// Shapes of BVH, as the command line has them.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum BvhName {
+    /// No tree: up to 64 triangles, compiled into the kernels
+    List,
     /// Two children a node
     Bvh2,
     /// Four children a node, boxes in 8 bits
@@ -163,6 +165,7 @@ pub fn integrator_name(integrator: Integrator) -> &'static str {
 impl From<BvhName> for BvhKind {
     fn from(name: BvhName) -> Self {
         match name {
+            BvhName::List => Self::List,
             BvhName::Bvh2 => Self::Bvh2,
             BvhName::Bvh4 => Self::Bvh4,
             BvhName::Cwbvh => Self::Cwbvh,
@@ -173,6 +176,7 @@ impl From<BvhName> for BvhKind {
 /// Name of a shape of BVH, as the command line has it.
 pub fn bvh_name(kind: BvhKind) -> &'static str {
     match kind {
+        BvhKind::List => "list",
         BvhKind::Bvh2 => "bvh2",
         BvhKind::Bvh4 => "bvh4",
         BvhKind::Cwbvh => "cwbvh",

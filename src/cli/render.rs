@@ -54,7 +54,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
     let settings = arguments.picture.settings(&scene)?;
     let device = arguments.picture.open_device()?;
-    let prepared = PreparedScene::with_bvh(&scene, settings.bvh_for(device.description().subgroup_size))?;
+    let prepared = PreparedScene::with_bvh(&scene, settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()))?;
     let mut session = Session::new(&device, &prepared, &settings)?;
 
     let interrupted = stop_on_interrupt("finishing the samples that are begun; Ctrl-C again gives them up")?;

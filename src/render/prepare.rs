@@ -17,6 +17,8 @@ use crate::scene::{self, Environment, EnvironmentMap, Integrator, Scene, Surface
 pub enum PrepareError {
     #[error("the scene has {0} triangles and a BVH can address {max}; use a smaller scene", max = bvh::MAX_TRIANGLES)]
     TooManyTriangles(usize),
+    #[error("the scene has {0} triangles and a list holds at most {max}; use another --bvh", max = bvh::MAX_LISTED)]
+    TooManyListed(usize),
     #[error("the BVH has {nodes} nodes and one of this shape can address {max}; use --bvh bvh2")]
     TooManyNodes { nodes: usize, max: usize },
     #[error("the scene has {0} emitting triangles and light sampling can tell {max} apart; use fewer", max = MAX_CELLS)]
@@ -128,6 +130,9 @@ impl PreparedScene {
         let normalisation = Normalisation::of(scene);
         let points: Vec<Vec3> = mesh.positions.iter().map(|p| normalisation.point(*p).as_vec3()).collect();
         let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.positions.map(|i| points[i as usize])).collect();
+        if kind == BvhKind::List && corners.len() > bvh::MAX_LISTED {
+            return Err(PrepareError::TooManyListed(corners.len()));
+        }
         let bvh = Bvh::build(kind, &corners);
         let (nodes, max) = (bvh.node_count(), kind.max_nodes());
         if nodes > max {
@@ -216,6 +221,7 @@ impl PreparedScene {
     /// tree it is the siblings of the node that comes next, and the last level has none.
     pub fn stack_size(&self) -> u32 {
         match self.bvh.kind {
+            BvhKind::List => 0,
             BvhKind::Bvh2 => self.bvh.depth,
             BvhKind::Bvh4 | BvhKind::Cwbvh => self.bvh.depth - 1,
         }
@@ -231,7 +237,7 @@ impl PreparedScene {
     pub fn specialization(&self, settings: &Settings, plan: &Plan) -> Vec<u32> {
         let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
             self.features;
-        let mut constants = vec![0; SPEC_BVH_WIDTH as usize + 1];
+        let mut constants = vec![0; SPEC_LISTED_TRIANGLES as usize];
         for (id, value) in [
             (SPEC_WORKGROUP_SIZE, plan.workgroup_size),
             (SPEC_STACK_SIZE, self.stack_size()),
@@ -256,9 +262,14 @@ impl PreparedScene {
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
             (SPEC_BVH_WIDTH, self.bvh.kind.width()),
+            (SPEC_LISTED_COUNT, if self.bvh.kind == BvhKind::List { self.triangles.len() as u32 } else { 0 }),
             (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
         ] {
             constants[id as usize] = value;
+        }
+        if self.bvh.kind == BvhKind::List {
+            let vertices = self.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]);
+            constants.extend(vertices.flatten().map(f32::to_bits));
         }
         constants
     }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::bvh::BvhKind;
+use crate::bvh::{BvhKind, MAX_LISTED};
 use crate::constants::MATERIAL_BINS;
 use crate::scene::{Integrator, Scene};
 
@@ -113,10 +113,16 @@ impl Settings {
         }
     }
 
-    /// The shape of the BVH on a device of so many lanes a subgroup. On lavapipe's eight the eight-wide
-    /// one is the faster, on SwiftShader's four the two-wide one.
-    pub fn bvh_for(&self, lanes: u32) -> BvhKind {
-        self.bvh.unwrap_or(if lanes < 8 { BvhKind::Bvh2 } else { BvhKind::Cwbvh })
+    /// The shape of the BVH of so many triangles on a device of so many lanes a subgroup. On lavapipe's
+    /// eight lanes the eight-wide one is the faster and a list faster still as long as it is short; on
+    /// SwiftShader's four it is the two-wide one.
+    pub fn bvh_for(&self, lanes: u32, triangles: usize) -> BvhKind {
+        let default = match (lanes, triangles) {
+            (..8, _) => BvhKind::Bvh2,
+            (8.., ..=MAX_LISTED) => BvhKind::List,
+            (8.., _) => BvhKind::Cwbvh,
+        };
+        self.bvh.unwrap_or(default)
     }
 
     /// Whether they make sense together.

@@ -1,0 +1,35 @@
+// Traversal without a tree: the ray meets every triangle of a short list.
+//
+// The triangles are constants of the kernel and the loop over them is unrolled. So nothing is fetched,
+// no lane waits for another, and what several triangles share, such as a vertex in the ray's space, is
+// computed once.
+#ifndef LIST_GLSL
+#define LIST_GLSL
+#extension GL_EXT_control_flow_attributes : require
+#include "intersect.glsl"
+#include "listed_triangles.glsl"
+
+// Triangle `i` of `vertices`. A list is in the scene's order: the first of equal distances stays.
+#define LISTED_TRIANGLE(i) Triangle(vertices[3u * i], vertices[3u * i + 1u], vertices[3u * i + 2u], 0u, i)
+
+Hit trace_closest_listed(Ray ray) {
+    vec3 vertices[3u * LISTED_TRIANGLES] = LISTED_VERTICES;
+    RaySpace space = ray_space(ray.direction);
+    Nearest nearest = nothing();
+    [[unroll]] for (uint i = 0u; i < LISTED_COUNT; i++) {
+        meet_triangle(i, LISTED_TRIANGLE(i), false, ray, space, nearest);
+    }
+    return nearest.hit;
+}
+
+bool trace_any_listed(Ray ray, uint target, float limit) {
+    vec3 vertices[3u * LISTED_TRIANGLES] = LISTED_VERTICES;
+    RaySpace space = ray_space(ray.direction);
+    bool blocked = false;
+    [[unroll]] for (uint i = 0u; i < LISTED_COUNT; i++) {
+        blocked = blocks(i, LISTED_TRIANGLE(i), ray, space, target, limit) || blocked;
+    }
+    return blocked;
+}
+
+#endif
