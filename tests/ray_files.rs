@@ -250,7 +250,7 @@ fn what_cannot_be_read_or_written_is_told_and_leaves_nothing() {
     let dump = dump(RayClass::Camera, vec![ray(NO_TRIANGLE)]);
     let missing = folder.0.path().join("nowhere/a.rays");
     let message = dump.write(&missing).expect_err("the folder is missing").to_string();
-    assert!(message.contains("cannot write the rays: ") && message.contains("is missing"), "{message}");
+    assert!(message.contains("cannot be written: ") && message.contains("is missing"), "{message}");
     let message = dump.write(folder.0.path()).expect_err("it is a folder").to_string();
     assert!(message.contains("it is a folder"), "{message}");
     for path in [&missing, folder.0.path()] {
