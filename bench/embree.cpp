@@ -5,8 +5,8 @@
 // The files are those of `raywave dump-rays` (docs/ray-dumps.md); the last word is the quality of Embree's BVH. Each
 // line on stdin is a round, `FORM SCENE THREADS PASSES`: FORM is `single` (rtcIntersect1), `packet8` (rtcIntersect8),
 // or `stream` (rtcIntersect1M), or its occluded sibling for shadow rays; SCENE is `fast` or `robust`. The answer is a
-// line of JSON: seconds of all passes, rays that hit, rays whose answer is not that of DISTANCES, and rays whose answer
-// is, once they are traced anew by a filter that leaves out the triangles that they cannot hit.
+// line of JSON: seconds of all passes, rays that hit, rays whose answer is not that of DISTANCES, and rays that are
+// excused: their answer is right once a filter leaves out the triangles that they cannot hit.
 
 #include <embree3/rtcore.h>
 
@@ -190,11 +190,11 @@ public:
 
     // Rays whose answer is another than the one that is expected, and rays whose answer the filter puts right.
     std::pair<size_t, size_t> judge(RTCScene filtered, const std::vector<float> &expected) const {
-        size_t wrong = 0, mended = 0;
+        size_t wrong = 0, excused = 0;
         for (size_t i = 0; i < answers_.size(); ++i)
             if (!agrees(answers_[i], expected[i]))
-                ++(agrees(trace_filtered(filtered, dump_.rays[i]), expected[i]) ? mended : wrong);
-        return {wrong, mended};
+                ++(agrees(trace_filtered(filtered, dump_.rays[i]), expected[i]) ? excused : wrong);
+        return {wrong, excused};
     }
 
 private:
@@ -353,9 +353,9 @@ int main(int count, char **arguments) {
         words >> form >> scene >> threads >> passes;
         if (threads == 0 || passes == 0) fail(line + ": a round is FORM SCENE THREADS PASSES");
         const double seconds = tracer.run(scene == "robust" ? robust : fast, form, threads, passes);
-        const auto [wrong, mended] = tracer.judge(filtered, expected);
-        std::printf("{\"seconds\": %.9f, \"hits\": %zu, \"wrong\": %zu, \"mended\": %zu}\n", seconds, tracer.hits(),
-                    wrong, mended);
+        const auto [wrong, excused] = tracer.judge(filtered, expected);
+        std::printf("{\"seconds\": %.9f, \"hits\": %zu, \"wrong\": %zu, \"excused\": %zu}\n", seconds, tracer.hits(),
+                    wrong, excused);
         std::fflush(stdout);
     }
 }
