@@ -177,19 +177,22 @@ def need(program, packages):
         raise Failure(f"{program} is missing; {packages}")
 
 
-def scene_of(folder, name):
-    """A scene file in a folder: NAME.toml or NAME/NAME.toml."""
-    for path in (folder / f"{name}.toml", folder / name / f"{name}.toml"):
+def scene_file(given, raywave, case, folder):
+    """The scene of a case: raywave's own Cornell box or gallery, or one in the folder that --scenes names, as CASE.toml
+    or CASE/CASE.toml."""
+    if case == "gallery":
+        scene = folder / "gallery" / "gallery.toml"
+        if not scene.exists():
+            say(f"writing the gallery of {given.triangles} triangles")
+            run([raywave, "gallery", scene.parent, "--triangles", given.triangles])
+        return scene
+    place = ROOT / "scenes" if case == "cornell-box" else given.scenes
+    if place is None:
+        raise Failure(f"{case} is not part of raywave; name its folder by --scenes")
+    for path in (place / f"{case}.toml", place / case / f"{case}.toml"):
         if path.is_file():
             return path
-    raise Failure(f"{folder}: there is no {name}.toml here, nor {name}/{name}.toml")
-
-
-def gallery(raywave, folder, triangles):
-    """raywave's own rich scene."""
-    say(f"writing the gallery of {triangles} triangles")
-    run([raywave, "gallery", folder / "gallery", "--triangles", triangles])
-    return folder / "gallery" / "gallery.toml"
+    raise Failure(f"{place}: there is no {case}.toml here, nor {case}/{case}.toml")
 
 
 def main(program):
