@@ -124,11 +124,27 @@ fn bad_arguments_are_told_in_a_line() {
     assert!(String::from_utf8_lossy(&usage.stderr).contains("teapot is none of"));
 }
 
+/// Runs Python that has the benches at hand as modules.
+fn assert_python(script: &str) {
+    const MODULES: &str = "
+import sys; sys.path.insert(0, 'bench')
+import importlib.machinery, importlib.util, random, types, common
+def bench(name):
+    loader = importlib.machinery.SourceFileLoader(name, f'bench/{name}')
+    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(name, loader))
+    loader.exec_module(module)
+    return module
+";
+    let mut command = Command::new("python3");
+    command.args(["-B", "-c", &format!("{MODULES}{script}")]).current_dir(env!("CARGO_MANIFEST_DIR"));
+    let Output { status, stderr, .. } = output(command);
+    assert!(status.success(), "{}", String::from_utf8_lossy(&stderr));
+}
+
 #[test]
 fn intervals_hold_the_median_as_often_as_they_say() {
-    let script = "
-import sys; sys.path.insert(0, 'bench')
-import random, common
+    assert_python(
+        "
 assert common.interval(range(1, 12)) == (2, 10)
 assert common.interval([5, 1, 3]) == (1, 5)
 assert common.median([4, 1, 3, 2]) == 2.5
@@ -141,9 +157,30 @@ for _ in range(4000):
 assert 0.955 < held / 4000 < 0.975, held
 assert common.verdict({'median': 1.1, 'low': 1.0, 'high': 1.3}, 1.2) == 'missed, within noise'
 assert common.verdict({'median': 1.3, 'low': 1.25, 'high': 1.4}, 1.2) == 'met'
-";
-    let mut command = Command::new("python3");
-    command.args(["-B", "-c", script]).current_dir(env!("CARGO_MANIFEST_DIR"));
-    let Output { status, stderr, .. } = output(command);
-    assert!(status.success(), "{}", String::from_utf8_lossy(&stderr));
+",
+    );
+}
+
+#[test]
+fn programs_that_disagree_are_told() {
+    assert_python(
+        "
+difference = bench('samples').difference
+draw = random.Random(3)
+def means(centre):
+    return [[draw.gauss(c, 0.01) for c in centre] for _ in range(11)]
+assert difference({'raywave': means([0.5, 0.4, 0.3]), 'mitsuba': means([0.5, 0.4, 0.3])}) is None
+assert 'green' in difference({'raywave': means([0.5, 0.44, 0.3]), 'mitsuba': means([0.5, 0.4, 0.3])})
+nan = [[0.5, 0.4, float('nan')]] * 11
+assert 'blue' in difference({'raywave': nan, 'mitsuba': means([0.5, 0.4, 0.3])})
+
+disagreement = bench('traversal').disagreement
+rays = types.SimpleNamespace(about={'rays': 100_000})
+def program(wrong, excused):
+    return types.SimpleNamespace(name='abacus', wrong=wrong, excused=excused)
+assert disagreement(rays, [program(0, 0), program(10, 100)]) is None
+assert 'abacus answers 11 of 100000' in disagreement(rays, [program(0, 0), program(11, 0)])
+assert 'abacus answers 101 of 100000' in disagreement(rays, [program(0, 101)])
+",
+    );
 }

@@ -279,7 +279,8 @@ fn arrays_beside_a_dump_are_those_that_numpy_reads() {
     let path = folder.0.path().join("a.npy");
     let read = || npy(&fs::read(&path).expect("the file is written"));
     for count in [0, 1, 12_345] {
-        let triangles: Vec<_> = (0..count).map(|i| [[i as f32, -0.5, 2.0], [0.25; 3], [1e-40, f32::MAX, 7.0]]).collect();
+        let triangles: Vec<_> =
+            (0..count).map(|i| [[i as f32, -0.5, 2.0], [0.25; 3], [1e-40, f32::MAX, 7.0]]).collect();
         write_triangles(&path, &triangles).expect("the triangles are written");
         assert_eq!(read(), (format!("({count}, 3, 3)"), triangles.concat().concat()));
         let distances: Vec<_> = (0..count).map(|i| if i % 2 == 0 { i as f32 } else { f32::INFINITY }).collect();
