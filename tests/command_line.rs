@@ -135,6 +135,9 @@ const REFUSED: &[(&str, &str)] = &[
     ("dump-rays missing.toml --bounce 0 -o a.rays", "missing.toml: cannot read"),
     ("dump-rays --bounce 0 -o nowhere/a.rays", "the folder nowhere is missing"),
     ("dump-rays --bounce 0 -o folder.png", "it is a folder"),
+    ("dump-rays --bounce 0 -o a.rays --triangles nowhere/a.npy", "the folder nowhere is missing"),
+    ("dump-rays --bounce 0 -o a.rays --distances folder.png", "it is a folder"),
+    ("dump-rays --bounce 0 -o a.rays --triangles a.npy --distances ./a.npy", "two outputs name this file"),
     ("replay", "<FILE>"),
     ("replay missing.rays", "missing.rays: cannot read the rays"),
     ("replay folder.png", "folder.png: cannot read the rays"),
@@ -628,6 +631,13 @@ fn dumped_rays_are_replayed() {
         fs::read(folder.path(name)).expect("the rays are written")
     };
     assert_eq!(dump("a.rays"), dump("b.rays"));
+    let beside = ["dump-rays", "--bounce", "1", "-o", "c.rays", "--triangles", "c.npy", "--distances", "d.npy"];
+    folder.run(&[&beside[..], &TINY[..6]].concat());
+    let bytes = |name: &str| fs::metadata(folder.path(name)).expect("the file is written").len();
+    let records = fs::read(folder.path("c.rays")).expect("the rays are written");
+    let head: usize = records.split(|byte| *byte == b'\n').take(2).map(|line| line.len() + 1).sum();
+    assert_eq!(bytes("c.npy"), 128 + 36 * Scene::cornell_box().mesh.triangles.len() as u64);
+    assert_eq!(bytes("d.npy"), 128 + (records.len() - head) as u64 / 32 * 4);
 
     let scene = common::project_file("scenes/cornell-box.toml");
     let scene = scene.to_str().expect("the path is UTF-8");

@@ -11,7 +11,7 @@ use raywave::bvh::{BvhKind, Ray, count_any, count_closest, trace_any, trace_clos
 use raywave::constants::NO_TRIANGLE;
 use raywave::gpu::Device;
 use raywave::rays::{RayClass, RayOrder, RayRecord};
-use raywave::render::{PreparedScene, QueuedRays, RenderError, Replay, Scheduler, Session, Settings};
+use raywave::render::{PreparedScene, QueuedRays, RenderError, Replay, Scheduler, Session, Settings, distances};
 use raywave::scene::{Integrator, Scene};
 
 const SIZE: u32 = 20;
@@ -223,6 +223,54 @@ fn replays_find_what_the_cpu_finds() {
                 assert_eq!(outcome.seconds.len(), rounds);
                 assert!(outcome.seconds.iter().all(|seconds| *seconds > 0.0));
                 assert_eq!(outcome.kernel, if class == RayClass::Shadow { "connect" } else { "extend" });
+            }
+        }
+    }
+}
+
+/// What a search of all triangles finds of a ray, in f64 and without a BVH: as `distances`.
+fn search(corners: &[[[f32; 3]; 3]], class: RayClass, ray: &RayRecord) -> f64 {
+    let [origin, direction] = [ray.origin, ray.direction].map(|v| Vec3::from(v).as_dvec3());
+    let distance = |corners: &[[f32; 3]; 3]| {
+        let [a, b, c] = corners.map(|v| Vec3::from(v).as_dvec3() - origin);
+        let (n, edges) = ((b - a).cross(c - a), [(b, c), (c, a), (a, b)]);
+        let sides = edges.map(|(from, to)| direction.dot(from.cross(to)));
+        let inside = sides.iter().all(|s| *s >= 0.0) || sides.iter().all(|s| *s <= 0.0);
+        Some(a.dot(n) / direction.dot(n)).filter(|distance| inside && *distance > 0.0)
+    };
+    let others = (0..).zip(corners).filter(|(number, _)| *number != ray.leaves && *number != ray.target);
+    let nearest = others.filter_map(|(_, corners)| distance(corners)).fold(f64::INFINITY, f64::min);
+    match class {
+        RayClass::Shadow if ray.target != NO_TRIANGLE && nearest >= 1.0 => f64::INFINITY,
+        RayClass::Shadow if nearest.is_finite() => 0.0,
+        _ => nearest,
+    }
+}
+
+#[test]
+fn triangles_and_distances_are_those_that_a_search_finds() {
+    let device = device();
+    for scene in [own_scene("cornell-glass"), own_scene("textured-sky")] {
+        let prepared = prepared(&scene);
+        let corners = prepared.corners();
+        assert_eq!(corners.len(), scene.mesh.triangles.len());
+        for (class, bounce) in [(RayClass::Camera, 0), (RayClass::Bounce, 1), (RayClass::Shadow, 0)] {
+            let rays = dump(&device, &prepared, &settings(&scene), class, bounce).rays;
+            let found = distances(&prepared, class, &rays);
+            let expected: Vec<_> = rays.iter().map(|ray| search(&corners, class, ray)).collect();
+            let differ = |(found, expected): (&f32, &f64)| {
+                let found = f64::from(*found);
+                found.is_finite() != expected.is_finite()
+                    || found.is_finite() && (found - expected).abs() > 1e-4 * expected.max(1e-3)
+            };
+            let wrong = found.iter().zip(&expected).filter(|pair| differ(*pair)).count();
+            // f64 may pass an edge on the other side.
+            assert!(wrong <= 1, "{} {class:?}: {wrong} of {} differ", scene.name, rays.len());
+            let hits = found.iter().filter(|distance| distance.is_finite()).count();
+            assert!(hits > 0, "{} {class:?}: nothing is hit", scene.name);
+            for kind in [BvhKind::Bvh2, BvhKind::Bvh4] {
+                let other = PreparedScene::with_bvh(&scene, kind).expect("the scene fits");
+                assert!(other.corners() == corners && distances(&other, class, &rays) == found, "{kind:?}");
             }
         }
     }

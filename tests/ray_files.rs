@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use proptest::prelude::*;
 use raywave::constants::NO_TRIANGLE;
 use raywave::rays::{Metadata, RayClass, RayDump, RayOrder, RayRecord, RayScene, RaysError, RecordLayout};
+use raywave::rays::{write_distances, write_triangles};
 use tempfile::TempDir;
 
 const TRIANGLES: u32 = 12;
@@ -250,7 +251,7 @@ fn what_cannot_be_read_or_written_is_told_and_leaves_nothing() {
     let dump = dump(RayClass::Camera, vec![ray(NO_TRIANGLE)]);
     let missing = folder.0.path().join("nowhere/a.rays");
     let message = dump.write(&missing).expect_err("the folder is missing").to_string();
-    assert!(message.contains("cannot write the rays: ") && message.contains("is missing"), "{message}");
+    assert!(message.contains("cannot be written: ") && message.contains("is missing"), "{message}");
     let message = dump.write(folder.0.path()).expect_err("it is a folder").to_string();
     assert!(message.contains("it is a folder"), "{message}");
     for path in [&missing, folder.0.path()] {
@@ -258,4 +259,35 @@ fn what_cannot_be_read_or_written_is_told_and_leaves_nothing() {
         assert!(message.contains("cannot read the rays ("), "{message}");
     }
     assert_eq!(fs::read_dir(folder.0.path()).expect("the folder is there").count(), 0);
+}
+
+/// Shape and numbers of a `.npy` file of version 1.0, read as `numpy.lib.format` says.
+fn npy(bytes: &[u8]) -> (String, Vec<f32>) {
+    assert!(bytes.starts_with(b"\x93NUMPY\x01\x00"));
+    let end = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let head = std::str::from_utf8(&bytes[10..end]).expect("the head is ASCII");
+    assert!(end % 64 == 0 && head.ends_with('\n'), "{end} {head:?}");
+    let shape = head.trim_end().strip_prefix("{'descr': '<f4', 'fortran_order': False, 'shape': ");
+    let shape = shape.and_then(|rest| rest.strip_suffix(", }")).unwrap_or_else(|| panic!("{head:?}"));
+    let numbers = bytes[end..].chunks(4).map(|b| f32::from_le_bytes(b.try_into().expect("whole numbers"))).collect();
+    (shape.to_owned(), numbers)
+}
+
+#[test]
+fn arrays_beside_a_dump_are_those_that_numpy_reads() {
+    let folder = Folder::new();
+    let path = folder.0.path().join("a.npy");
+    let read = || npy(&fs::read(&path).expect("the file is written"));
+    for count in [0, 1, 12_345] {
+        let triangles: Vec<_> =
+            (0..count).map(|i| [[i as f32, -0.5, 2.0], [0.25; 3], [1e-40, f32::MAX, 7.0]]).collect();
+        write_triangles(&path, &triangles).expect("the triangles are written");
+        assert_eq!(read(), (format!("({count}, 3, 3)"), triangles.concat().concat()));
+        let distances: Vec<_> = (0..count).map(|i| if i % 2 == 0 { i as f32 } else { f32::INFINITY }).collect();
+        write_distances(&path, &distances).expect("the distances are written");
+        assert_eq!(read(), (format!("({count},)"), distances));
+    }
+    let missing = folder.0.path().join("nowhere/a.npy");
+    let message = write_distances(&missing, &[1.0]).expect_err("the folder is missing").to_string();
+    assert!(message.contains("cannot be written: ") && message.contains("is missing"), "{message}");
 }

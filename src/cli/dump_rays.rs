@@ -6,11 +6,12 @@ use anyhow::ensure;
 use clap::ValueEnum;
 use indicatif::HumanCount;
 
-use crate::rays::{Metadata, RayClass, RayDump, RayOrder, RayScene, RecordLayout};
-use crate::render::{PreparedScene, Session};
+use crate::rays::{Metadata, RayClass, RayDump, RayOrder, RayScene, RecordLayout, write_distances, write_triangles};
+use crate::render::{PreparedScene, Session, distances};
 use crate::scene::Scene;
 
 use super::picture::{PictureArguments, integrator_name};
+use super::render::is_same_file;
 use super::{check_text_output, load_scene};
 
 /// Freeze the rays of a bounce to a file, for `raywave replay` and other tracers
@@ -33,6 +34,12 @@ pub struct DumpRaysArguments {
     /// File to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Write the corners of the scene's triangles in the space of the rays, as .npy
+    #[arg(long, value_name = "FILE")]
+    triangles: Option<PathBuf>,
+    /// Write how far each ray goes, as .npy; shadow rays 0 where blocked
+    #[arg(long, value_name = "FILE")]
+    distances: Option<PathBuf>,
     #[command(flatten)]
     picture: PictureArguments,
     /// No warnings or summary
@@ -57,7 +64,14 @@ enum OrderName {
 }
 
 pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
-    check_text_output(&arguments.output)?;
+    let outputs = [Some(&arguments.output), arguments.triangles.as_ref(), arguments.distances.as_ref()];
+    let outputs: Vec<_> = outputs.into_iter().flatten().collect();
+    for (at, path) in outputs.iter().enumerate() {
+        check_text_output(path)?;
+        for other in &outputs[..at] {
+            ensure!(!is_same_file(path, other)?, "{}: two outputs name this file; name another", path.display());
+        }
+    }
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
     let settings = arguments.picture.settings(&scene)?;
     let prepared = PreparedScene::new(&scene)?;
@@ -99,6 +113,12 @@ pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
         record: RecordLayout::of_rays(),
     };
     let dump = RayDump { metadata, rays: queued.rays };
+    if let Some(path) = &arguments.triangles {
+        write_triangles(path, &prepared.corners())?;
+    }
+    if let Some(path) = &arguments.distances {
+        write_distances(path, &distances(&prepared, class, &dump.rays))?;
+    }
     dump.write(&arguments.output)?;
     if !arguments.quiet {
         let Metadata { rays, pixels, samples_per_pixel, .. } = dump.metadata;

@@ -13,7 +13,7 @@ use super::RayScene;
 pub enum RaysError {
     #[error("{}: cannot read the rays ({cause}); check the path", path.display())]
     Read { path: PathBuf, cause: io::Error },
-    #[error("{}: cannot write the rays: {cause}", path.display())]
+    #[error("{}: cannot be written: {cause}", path.display())]
     Write { path: PathBuf, cause: io::Error },
     #[error("{}: byte {byte}: {fault}", path.display())]
     Malformed { path: PathBuf, byte: u64, fault: Fault },

@@ -5,11 +5,13 @@
 
 mod error;
 mod file;
+mod npy;
 
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
 pub use error::{Fault, RaysError};
+pub use npy::{write_distances, write_triangles};
 
 use crate::constants::NO_TRIANGLE;
 

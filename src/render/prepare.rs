@@ -201,6 +201,15 @@ impl PreparedScene {
         })
     }
 
+    /// Corners of the triangles in the scene's order, in normalised space.
+    pub fn corners(&self) -> Vec<[[f32; 3]; 3]> {
+        let mut corners = vec![[[0.0; 3]; 3]; self.triangles.len()];
+        for Triangle { v0, v1, v2, original, .. } in &self.triangles {
+            corners[*original as usize] = [*v0, *v1, *v2];
+        }
+        corners
+    }
+
     /// The uniform block of a render with `path_capacity` slots.
     pub fn frame(&self, settings: &Settings, path_capacity: u32) -> Frame {
         let aspect = settings.width as f32 / settings.height as f32;

@@ -123,12 +123,7 @@ impl<'a> Replay<'a> {
         } else {
             executor.write("ray_queue", bytemuck::cast_slice(&slots.collect::<Vec<_>>()))?;
         }
-        let mut places = vec![0; scene.triangles.len()];
-        for (triangle, place) in scene.triangles.iter().zip(0..) {
-            places[triangle.original as usize] = place;
-        }
-        let place = |original: u32| if original == NO_TRIANGLE { NO_TRIANGLE } else { places[original as usize] };
-        let rays = rays.iter().map(|r| RayRecord { leaves: place(r.leaves), target: place(r.target), ..*r }).collect();
+        let rays = in_leaf_order(scene, rays);
         let exact = device.description().kind == DeviceKind::Cpu;
         Ok(Self { executor, plan, scene, class, rays, repeat, exact })
     }
@@ -202,23 +197,9 @@ impl<'a> Replay<'a> {
 
     /// Numbers of the rays that are checked, ascending, and what the CPU finds of them.
     fn expected(&self) -> Vec<(u64, Answer)> {
-        let (bvh, triangles) = (&self.scene.bvh, &self.scene.triangles);
         let checked = self.rays.len().min(CHECKED_RAYS);
         let numbers = (0..checked).into_par_iter().map(|i| i * self.rays.len() / checked);
-        let answer = |number: usize| {
-            let RayRecord { origin, leaves, direction, target } = self.rays[number];
-            let ray = Ray { origin: origin.into(), direction: direction.into(), leaves };
-            let answer = match self.class {
-                RayClass::Camera | RayClass::Bounce => Answer::Nearest(trace_closest(bvh, triangles, &ray)),
-                RayClass::Shadow => {
-                    // As `shadow_limit` of `path.glsl`: up to the lamp, or for ever.
-                    let limit = if target == NO_TRIANGLE { f32::MAX } else { 1.0 };
-                    Answer::Blocked(trace_any(bvh, triangles, &ray, target, limit))
-                }
-            };
-            (number as u64, answer)
-        };
-        numbers.map(answer).collect()
+        numbers.map(|number| (number as u64, on_cpu(self.scene, self.class, &self.rays[number]))).collect()
     }
 
     /// Puts a part of a round's rays into the slots.
@@ -290,6 +271,45 @@ impl<'a> Replay<'a> {
             }
             Answer::Blocked(true) => "it blocked".to_owned(),
             Answer::Blocked(false) => "it free".to_owned(),
+        }
+    }
+}
+
+/// What the CPU finds of rays: how far away the nearest hit is, in lengths of the direction, infinite where there is
+/// none; of shadow rays 0 where they are blocked and infinite where they are not. The same for every kind of BVH.
+///
+/// # Panics
+/// When a ray names a triangle that the scene has not.
+pub fn distances(scene: &PreparedScene, class: RayClass, rays: &[RayRecord]) -> Vec<f32> {
+    let distance = |ray: &RayRecord| match on_cpu(scene, class, ray) {
+        Answer::Nearest(Some(hit)) => hit.distance,
+        Answer::Blocked(true) => 0.0,
+        Answer::Nearest(None) | Answer::Blocked(false) => f32::INFINITY,
+    };
+    in_leaf_order(scene, rays).par_iter().map(distance).collect()
+}
+
+/// Rays with triangles by their place in leaf order, as the kernels have them.
+fn in_leaf_order(scene: &PreparedScene, rays: &[RayRecord]) -> Vec<RayRecord> {
+    let mut places = vec![0; scene.triangles.len()];
+    for (triangle, place) in scene.triangles.iter().zip(0..) {
+        places[triangle.original as usize] = place;
+    }
+    let place = |original: u32| if original == NO_TRIANGLE { NO_TRIANGLE } else { places[original as usize] };
+    rays.iter().map(|r| RayRecord { leaves: place(r.leaves), target: place(r.target), ..*r }).collect()
+}
+
+/// What the CPU finds of a ray with triangles in leaf order.
+fn on_cpu(scene: &PreparedScene, class: RayClass, record: &RayRecord) -> Answer {
+    let (bvh, triangles) = (&scene.bvh, &scene.triangles);
+    let RayRecord { origin, leaves, direction, target } = *record;
+    let ray = Ray { origin: origin.into(), direction: direction.into(), leaves };
+    match class {
+        RayClass::Camera | RayClass::Bounce => Answer::Nearest(trace_closest(bvh, triangles, &ray)),
+        RayClass::Shadow => {
+            // As `shadow_limit` of `path.glsl`: up to the lamp, or for ever.
+            let limit = if target == NO_TRIANGLE { f32::MAX } else { 1.0 };
+            Answer::Blocked(trace_any(bvh, triangles, &ray, target, limit))
         }
     }
 }

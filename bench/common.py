@@ -1,0 +1,206 @@
+"""What `bench/samples` and `bench/traversal` share: statistics, programs, tables."""
+
+import json
+import math
+import os
+import pathlib
+import platform
+import shutil
+import subprocess
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+CONFIDENCE = 0.95
+
+
+class Failure(Exception):
+    """Something that the user can mend. One line."""
+
+
+def say(message):
+    print(message, file=sys.stderr, flush=True)
+
+
+def median(values):
+    ordered = sorted(values)
+    middle = len(ordered) // 2
+    return ordered[middle] if len(ordered) % 2 else (ordered[middle - 1] + ordered[middle]) / 2
+
+
+def interval(values):
+    """A confidence interval of the median, by order statistics: it asks nothing of how the values are spread.
+
+    The narrowest pair of k-th lowest and k-th highest that holds the median with at least 95 %; of fewer than 6 values,
+    lowest and highest, which hold it less often.
+    """
+    ordered = sorted(values)
+    n = len(ordered)
+    # The median lies outside with the probability of fewer than k heads, or tails, in n throws.
+    k, outside = 0, 0.0
+    while k < n // 2 and 2 * (outside + math.comb(n, k) / 2**n) <= 1 - CONFIDENCE:
+        outside += math.comb(n, k) / 2**n
+        k += 1
+    k = max(k, 1)
+    return ordered[k - 1], ordered[n - k]
+
+
+def summary(values):
+    low, high = interval(values)
+    return {"median": median(values), "low": low, "high": high}
+
+
+def verdict(ratio, target):
+    """Whether a target is met: by the median. What lies in the interval is said to."""
+    if target is None:
+        return "-"
+    word = "met" if ratio["median"] >= target else "missed"
+    return word if not ratio["low"] < target <= ratio["high"] else f"{word}, within noise"
+
+
+def millions(estimate):
+    return f"{estimate['median'] / 1e6:.2f} [{estimate['low'] / 1e6:.2f}, {estimate['high'] / 1e6:.2f}]"
+
+
+def ratio_text(ratio):
+    return f"{ratio['median']:.2f} [{ratio['low']:.2f}, {ratio['high']:.2f}]"
+
+
+def table(head, rows):
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def run(command, **options):
+    """Runs a program to its end and gives its stdout; what it says on stderr is part of a failure."""
+    command = [str(word) for word in command]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
+    except OSError as error:
+        raise Failure(f"{command[0]}: cannot be started: {error.strerror}") from error
+    if done.returncode != 0:
+        said = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
+        raise Failure(f"{pathlib.Path(command[0]).name} {command[1]}: {said[-2000:]}")
+    return done.stdout
+
+
+def build_raywave(given):
+    """The program to measure: the one that is named, or a release build of this tree."""
+    if given is not None:
+        if not given.is_file():
+            raise Failure(f"{given}: there is no such program; build it, or leave --raywave out")
+        return given.resolve()
+    say("building raywave")
+    run(["cargo", "build", "--release", "--quiet"], cwd=ROOT)
+    return target_folder() / "release" / "raywave"
+
+
+def target_folder():
+    return pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+
+
+class Worker:
+    """A program that stays: it does a round for each line on its stdin and answers with a line of JSON."""
+
+    def __init__(self, command):
+        self.name = pathlib.Path(command[0]).name
+        self.process = subprocess.Popen(
+            [str(word) for word in command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        self.about = self._answer()
+
+    def _answer(self):
+        line = self.process.stdout.readline()
+        if not line:
+            raise Failure(f"{self.name} ended with exit code {self.process.wait()}; its own words are above")
+        return json.loads(line)
+
+    def ask(self, line):
+        try:
+            self.process.stdin.write(line + "\n")
+            self.process.stdin.flush()
+        except BrokenPipeError:
+            pass
+        return self._answer()
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.wait()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+def machine():
+    """What a figure depends on."""
+    model, flags = platform.processor(), ""
+    cpuinfo = pathlib.Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        for line in cpuinfo.read_text().splitlines():
+            key, _, value = line.partition(":")
+            if key.strip() == "model name":
+                model = value.strip()
+            if key.strip() == "flags":
+                flags = value
+    wide = [name for name in ("avx2", "avx512f") if name in flags.split()]
+    return {
+        "cpu": model,
+        "vector_instructions": wide,
+        "cores": len(os.sched_getaffinity(0)),
+        "kernel": platform.release(),
+        "python": platform.python_version(),
+        "load_average_at_start": os.getloadavg()[0],
+    }
+
+
+def machine_line(about):
+    wide = ", ".join(about["vector_instructions"]) or "no wide vectors"
+    return f"{about['cpu']} ({wide}), {about['cores']} cores, load {about['load_average_at_start']:.1f} at the start"
+
+
+def write_json(path, report):
+    """Whole or not at all."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(json.dumps(report, indent=2) + "\n")
+    part.replace(path)
+
+
+def check_output(path):
+    if path is not None and (path.is_dir() or not path.resolve().parent.is_dir()):
+        raise Failure(f"{path}: cannot be written; name a file in a folder that exists")
+
+
+def need(program, packages):
+    if shutil.which(program) is None:
+        raise Failure(f"{program} is missing; {packages}")
+
+
+def scene_file(given, raywave, case, folder):
+    """The scene of a case: raywave's own Cornell box or gallery, or one in the folder that --scenes names, as CASE.toml
+    or CASE/CASE.toml."""
+    if case == "gallery":
+        scene = folder / "gallery" / "gallery.toml"
+        if not scene.exists():
+            say(f"writing the gallery of {given.triangles} triangles")
+            run([raywave, "gallery", scene.parent, "--triangles", given.triangles])
+        return scene
+    place = ROOT / "scenes" if case == "cornell-box" else given.scenes
+    if place is None:
+        raise Failure(f"{case} is not part of raywave; name its folder by --scenes")
+    for path in (place / f"{case}.toml", place / case / f"{case}.toml"):
+        if path.is_file():
+            return path
+    raise Failure(f"{place}: there is no {case}.toml here, nor {case}/{case}.toml")
+
+
+def main(program):
+    """Runs a bench. Exit codes: 0 done, 1 the programs disagree, 2 bad arguments or something missing."""
+    try:
+        return program()
+    except Failure as failure:
+        say(f"error: {failure}")
+        return 2
+    except KeyboardInterrupt:
+        return 130
