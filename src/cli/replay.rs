@@ -191,7 +191,6 @@ impl Report<'_> {
             "subgroup_size_lanes": self.device.subgroup_size,
             "kernel": outcome.kernel,
             "workgroup_size_invocations": outcome.workgroup_size,
-            "bvh": "bvh2",
             "scene_fetch": if outcome.texel_fetch { "texel" } else { "storage" },
             "hit_share": self.hit_share(),
             "checked_rays": outcome.checked,
