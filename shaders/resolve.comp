@@ -21,7 +21,7 @@ void add(inout vec3 sum, inout vec3 compensation, vec3 x) {
 void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index < batch.pixel_count) {
-        FilmPixel pixel = film.pixels[batch.first_pixel + index];
+        FilmPixel pixel = film.pixels[batch.film_pixel + index];
         for (uint i = 0u; i < batch.sample_count; i++) {
             vec3 radiance = radiances.rgb[i * batch.pixel_count + index].rgb;
             if (any(isnan(radiance)) || any(isinf(radiance))) {
@@ -31,6 +31,6 @@ void main() {
                 add(pixel.squares.rgb, pixel.squares_compensation.rgb, radiance * radiance);
             }
         }
-        film.pixels[batch.first_pixel + index] = pixel;
+        film.pixels[batch.film_pixel + index] = pixel;
     }
 }

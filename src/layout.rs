@@ -265,4 +265,6 @@ pub struct Batch {
     pub sample_count: u32,
     /// Scattering events that the paths have had.
     pub bounce: u32,
+    /// Place of the first pixel in the film, which holds a tile of the image.
+    pub film_pixel: u32,
 }

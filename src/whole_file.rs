@@ -1,6 +1,6 @@
 //! Files that appear whole or not at all.
 
-use std::fs;
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -21,9 +21,21 @@ pub fn check(path: &Path) -> io::Result<()> {
 /// # Errors
 /// What [`check`] finds, and a full disk.
 pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
-    let mut file = io::BufWriter::new(beside(path)?);
-    fill(&mut file)?;
-    file.into_inner().map_err(io::IntoInnerError::into_error)?.persist(path)?;
+    write_freely(path, |file| {
+        let mut buffered = io::BufWriter::new(file);
+        fill(&mut buffered)?;
+        buffered.flush()
+    })
+}
+
+/// As [`write`], for a file that is not filled from its start to its end. It is not buffered.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_freely(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -> io::Result<()> {
+    let mut file = beside(path)?;
+    fill(file.as_file_mut())?;
+    file.persist(path)?;
     Ok(())
 }
 

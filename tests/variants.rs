@@ -24,9 +24,13 @@ fn render(device: &Device, scene: &Scene, access: Access) -> (Vec<DVec3>, Vec<DV
         ..Settings::of(scene)
     };
     let prepared = PreparedScene::new(scene).expect("the scene fits");
-    let mut session =
-        Session::with_options(device, &prepared, &settings, SessionOptions { access: Some(access), counting: false })
-            .expect("the session starts");
+    let mut session = Session::with_options(
+        device,
+        &prepared,
+        &settings,
+        SessionOptions { access: Some(access), ..SessionOptions::default() },
+    )
+    .expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
     // A scene may have more texels than the device can address.
     let words = prepared.buffer_bytes().into_iter().map(|(_, bytes)| bytes / 8).max();

@@ -60,6 +60,7 @@ layout(push_constant) uniform Batch {
     uint first_sample;
     uint sample_count;
     uint bounce;
+    uint film_pixel;  // place of the first pixel in the film, which holds a tile of the image
 } batch;
 
 #endif

@@ -6,121 +6,218 @@
 use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
+use rayon::prelude::*;
 
 use super::Bvh;
 use crate::constants::{WIDE_INNER_BIT, WIDE_LEAF_TRIANGLES};
 
-/// What a child's slot says of it: a code in `meta` and a place in the ray's order.
+/// Most children of a node.
+const WIDEST: usize = 8;
+
+/// Subtrees that are collapsed side by side, at least, where a tree has so many.
+const PARTS: usize = 128;
+
+/// Nodes, triangles and costs of a part of the tree. Places in it are its own.
+#[derive(Default)]
+struct Part {
+    /// Texels of the nodes, the part's root first.
+    texels: Vec<[u32; 4]>,
+    order: Vec<u32>,
+    depth: u32,
+    leaf_count: u32,
+    sah_cost: f64,
+}
+
+/// A node of the binary tree that is to become a node of the wide one.
 #[derive(Clone, Copy)]
-struct Child {
-    /// In the binary tree.
+struct Open {
     source: u32,
-    /// The octant of the node that it lies in, as far as others leave it free. A ray takes children
-    /// in the order of their octants exclusive-or its own.
-    octant: u32,
+    /// Place in the part.
+    index: usize,
+    level: u32,
+}
+
+/// What the collapse knows of the whole tree.
+struct Collapse<'a> {
+    tree: &'a Bvh2,
+    width: usize,
+    node_texels: usize,
+    root_area: f64,
 }
 
 /// Collapses `tree`, whose leaves hold one triangle each, to nodes as wide as the kind of `bvh` has them.
+///
+/// The top of the tree comes first, level by level, until it has enough subtrees; each of them
+/// follows as a whole, so what lies near in space lies near in memory, whatever the threads do.
 pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
-    let width = bvh.kind.width() as usize;
-    let counts = triangle_counts(tree);
     let root_area = f64::from(tree.nodes[0].aabb.half_area()).max(f64::MIN_POSITIVE);
     let node_texels = bvh.kind.node_texels();
-    bvh.order.reserve(tree.primitive_indices.len());
-    bvh.texels.resize(node_texels, [0; 4]);
-    // (node of the binary tree, node of the wide one, level)
-    let mut open = vec![(0, 0, 1)];
-    while let Some((source, index, depth)) = open.pop() {
-        bvh.depth = bvh.depth.max(depth);
-        bvh.sah_cost += f64::from(tree.nodes[source as usize].aabb.half_area()) / root_area;
-        let mut children = place_children(tree, source, &widest_children(tree, source, width));
-        let is_leaf = |child: &Child| counts[child.source as usize] <= WIDE_LEAF_TRIANGLES;
+    let collapse = Collapse { tree, width: bvh.kind.width() as usize, node_texels, root_area };
+    let mut top = Part { texels: vec![[0; 4]; node_texels], ..Part::default() };
+    let mut level = vec![Open { source: 0, index: 0, level: 1 }];
+    while !level.is_empty() && level.len() < PARTS {
+        level = level.into_iter().flat_map(|open| collapse.node(&mut top, open)).flatten().collect();
+    }
+    let parts: Vec<Part> = level.par_iter().map(|open| collapse.subtree(open.source, open.level)).collect();
 
-        let mut node = NodeWriter::new(&tree.nodes[source as usize].aabb, bvh.order.len() as u32);
-        node.first_child = bvh.node_count() as u32;
+    // A part's root has its place in the top, beside its siblings; the rest of the part comes after
+    // the parts before.
+    let (mut node_count, mut triangle_count) = (top.texels.len() / node_texels, top.order.len());
+    let mut moves = Vec::with_capacity(parts.len());
+    for part in &parts {
+        moves.push((node_count - 1, triangle_count));
+        node_count += part.texels.len() / node_texels - 1;
+        triangle_count += part.order.len();
+        top.depth = top.depth.max(part.depth);
+        top.leaf_count += part.leaf_count;
+        top.sah_cost += part.sah_cost;
+    }
+    top.texels.reserve_exact(node_count * node_texels - top.texels.len());
+    top.order.reserve_exact(triangle_count - top.order.len());
+    for ((mut part, (nodes, triangles)), root) in parts.into_iter().zip(moves).zip(level) {
+        for node in part.texels.chunks_exact_mut(node_texels) {
+            node[1][0] += (nodes as u32) << 8;
+            node[1][1] += triangles as u32;
+        }
+        let (first, rest) = part.texels.split_at(node_texels);
+        top.texels[root.index * node_texels..][..node_texels].copy_from_slice(first);
+        top.texels.extend_from_slice(rest);
+        top.order.extend_from_slice(&part.order);
+    }
+    (bvh.texels, bvh.order) = (top.texels, top.order);
+    (bvh.depth, bvh.leaf_count, bvh.sah_cost) = (top.depth, top.leaf_count, top.sah_cost);
+}
+
+impl Collapse<'_> {
+    /// All nodes from one of the binary tree on, depth first.
+    fn subtree(&self, source: u32, level: u32) -> Part {
+        let mut part = Part { texels: vec![[0; 4]; self.node_texels], ..Part::default() };
+        let mut open = vec![Open { source, index: 0, level }];
+        while let Some(next) = open.pop() {
+            open.extend(self.node(&mut part, next).into_iter().flatten());
+        }
+        part
+    }
+
+    /// Writes a node to its place, and gives its inner children places.
+    fn node(&self, part: &mut Part, Open { source, index, level }: Open) -> [Option<Open>; WIDEST] {
+        let tree = self.tree;
+        let area_share = |aabb: &Aabb| f64::from(aabb.half_area()) / self.root_area;
+        let node_box = &tree.nodes[source as usize].aabb;
+        part.depth = part.depth.max(level);
+        part.sah_cost += area_share(node_box);
+        let mut node = NodeWriter::new(node_box, part.order.len() as u32);
+        node.first_child = (part.texels.len() / self.node_texels) as u32;
+        let (children, count) = widest_children(tree, source, self.width);
         // Inner children lie in the order of their octants, for a count of bits to find them.
-        children.sort_by_key(|child| child.octant);
-        for child in &children {
-            let Child { source, octant } = *child;
-            let aabb = &tree.nodes[source as usize].aabb;
-            if is_leaf(child) {
-                let (first, count) = (bvh.order.len() as u32, counts[source as usize]);
-                push_triangles(tree, source, &mut bvh.order);
-                node.push_leaf(aabb, first, count);
-                bvh.leaf_count += 1;
-                bvh.sah_cost += f64::from(aabb.half_area()) / root_area * f64::from(count);
-            } else {
-                node.push_inner(aabb, octant);
-                open.push((source, bvh.node_count() as u32, depth + 1));
-                bvh.texels.resize(bvh.texels.len() + node_texels, [0; 4]);
+        let mut opened = [None; WIDEST];
+        for (octant, child) in (0..).zip(place_children(tree, source, &children[..count])) {
+            let Some(child) = child else { continue };
+            let aabb = &tree.nodes[child as usize].aabb;
+            match small_count(tree, child) {
+                Some(count) => {
+                    let first = part.order.len() as u32;
+                    push_triangles(tree, child, &mut part.order);
+                    node.push_leaf(aabb, first, count);
+                    part.leaf_count += 1;
+                    part.sah_cost += area_share(aabb) * f64::from(count);
+                }
+                None => {
+                    node.push_inner(aabb, octant);
+                    let index = part.texels.len() / self.node_texels;
+                    opened[octant as usize] = Some(Open { source: child, index, level: level + 1 });
+                    part.texels.resize(part.texels.len() + self.node_texels, [0; 4]);
+                }
             }
         }
-        let start = index as usize * node_texels;
-        bvh.texels[start..start + node_texels].copy_from_slice(&node.texels()[..node_texels]);
+        part.texels[index * self.node_texels..][..self.node_texels].copy_from_slice(&node.texels()[..self.node_texels]);
+        opened
     }
 }
 
-/// Triangles under each node of the tree.
-fn triangle_counts(tree: &Bvh2) -> Vec<u32> {
-    let mut counts = vec![0; tree.nodes.len()];
-    let mut open = vec![0_usize];
-    let mut inner = Vec::new();
-    while let Some(index) = open.pop() {
-        let node = &tree.nodes[index];
-        if node.is_leaf() {
-            counts[index] = node.prim_count;
-        } else {
-            inner.push(index);
-            open.extend([node.first_index as usize, node.first_index as usize + 1]);
+/// Triangles under a node of the tree, if a leaf can hold them.
+fn small_count(tree: &Bvh2, node: u32) -> Option<u32> {
+    /// As many as there are up to `most`, else more than that.
+    fn count(tree: &Bvh2, node: u32, most: u32) -> u32 {
+        let node = &tree.nodes[node as usize];
+        if node.is_leaf() || most < 2 {
+            // An inner node has two triangles or more.
+            return if node.is_leaf() { 1 } else { 2 };
         }
+        let left = count(tree, node.first_index, most - 1);
+        if left < most { left + count(tree, node.first_index + 1, most - left) } else { most + 1 }
     }
-    // Children come after their parents in `inner`.
-    for index in inner.into_iter().rev() {
-        let first = tree.nodes[index].first_index as usize;
-        counts[index] = counts[first] + counts[first + 1];
-    }
-    counts
+    let count = count(tree, node, WIDE_LEAF_TRIANGLES);
+    (count <= WIDE_LEAF_TRIANGLES).then_some(count)
 }
 
-/// Up to `width` descendants that hold all of a node's triangles: its children, of which the one
-/// with the largest surface is opened again and again. (Wald, Benthin and Boulos 2008, Getting Rid
-/// of Packets)
-fn widest_children(tree: &Bvh2, source: u32, width: usize) -> Vec<u32> {
-    let mut children = vec![source];
-    let area = |node: u32| tree.nodes[node as usize].aabb.half_area();
-    while children.len() < width {
-        let inner = (0..children.len()).filter(|&i| !tree.nodes[children[i] as usize].is_leaf());
-        let Some(largest) = inner.max_by(|&a, &b| area(children[a]).total_cmp(&area(children[b]))) else { break };
+/// Up to `width` descendants that hold all of a node's triangles, and how many they are: its
+/// children, of which the one with the largest surface is opened again and again. (Wald, Benthin and
+/// Boulos 2008, Getting Rid of Packets)
+fn widest_children(tree: &Bvh2, source: u32, width: usize) -> ([u32; WIDEST], usize) {
+    let mut children = [source; WIDEST];
+    let mut count = 1;
+    // Surfaces of those that can be opened; those of leaves stand below all.
+    let mut areas = [-1.0; WIDEST];
+    let area = |node: u32| {
+        let node = &tree.nodes[node as usize];
+        if node.is_leaf() { -1.0 } else { node.aabb.half_area() }
+    };
+    areas[0] = area(source);
+    while count < width {
+        let mut largest = 0;
+        for i in 1..count {
+            if areas[i] >= areas[largest] {
+                largest = i;
+            }
+        }
+        if areas[largest] < 0.0 {
+            break;
+        }
         let first = tree.nodes[children[largest] as usize].first_index;
-        children[largest] = first;
-        children.push(first + 1);
+        (children[largest], children[count]) = (first, first + 1);
+        (areas[largest], areas[count]) = (area(first), area(first + 1));
+        count += 1;
     }
-    children
+    (children, count)
 }
 
-/// Gives each child an octant of its own, the best match first.
-fn place_children(tree: &Bvh2, source: u32, children: &[u32]) -> Vec<Child> {
+/// Gives each child an octant of the node that it lies in, as far as others leave it free, the best
+/// match first. A ray takes children in the order of their octants exclusive-or its own.
+fn place_children(tree: &Bvh2, source: u32, children: &[u32]) -> [Option<u32>; WIDEST] {
     let centre = |node: u32| Vec3::from(tree.nodes[node as usize].aabb.center());
     let middle = centre(source);
-    // How far a child lies into an octant.
-    let mut matches: Vec<(f32, usize, u32)> = Vec::with_capacity(8 * children.len());
-    for (i, &child) in children.iter().enumerate() {
-        let offset = centre(child) - middle;
-        for octant in 0..8 {
-            let towards = Vec3::from_array([4, 2, 1].map(|bit| if octant & bit != 0 { 1.0 } else { -1.0 }));
-            matches.push((offset.dot(towards), i, octant));
+    // How far a child lies into each octant.
+    let mut matches = [[0.0_f32; 8]; WIDEST];
+    for (row, &child) in matches.iter_mut().zip(children) {
+        let Vec3 { x, y, z } = centre(child) - middle;
+        *row = [-x - y - z, -x - y + z, -x + y - z, -x + y + z, x - y - z, x - y + z, x + y - z, x + y + z];
+    }
+    let best_free = |row: &[f32; 8], free: u32| {
+        let octants = (0..8).filter(|octant| free & 1 << octant != 0);
+        octants.reduce(|best, octant| if row[octant] > row[best] { octant } else { best }).expect("there are eight")
+    };
+    let mut octants = [None; WIDEST];
+    let (mut free, mut waiting) = (0xff_u32, (1_u32 << children.len()) - 1);
+    let mut wanted = [0; WIDEST];
+    for (octant, row) in wanted.iter_mut().zip(&matches) {
+        *octant = best_free(row, free);
+    }
+    while waiting != 0 {
+        let open = (0..children.len()).filter(|child| waiting & 1 << child != 0);
+        let gain = |child: usize| matches[child][wanted[child]];
+        let child = open.reduce(|best, child| if gain(child) > gain(best) { child } else { best });
+        let child = child.expect("some child waits");
+        let octant = wanted[child];
+        octants[octant] = Some(children[child]);
+        (free, waiting) = (free & !(1 << octant), waiting & !(1 << child));
+        for other in (0..children.len()).filter(|other| waiting & 1 << other != 0) {
+            if wanted[other] == octant {
+                wanted[other] = best_free(&matches[other], free);
+            }
         }
     }
-    matches.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let (mut placed, mut taken) = (vec![None; children.len()], 0_u32);
-    for (_, child, octant) in matches {
-        if placed[child].is_none() && taken & 1 << octant == 0 {
-            placed[child] = Some(octant);
-            taken |= 1 << octant;
-        }
-    }
-    let octants = placed.into_iter().map(|octant| octant.expect("there are eight octants"));
-    children.iter().zip(octants).map(|(&source, octant)| Child { source, octant }).collect()
+    octants
 }
 
 fn push_triangles(tree: &Bvh2, source: u32, order: &mut Vec<u32>) {
@@ -182,12 +279,15 @@ impl NodeWriter {
     fn push(&mut self, aabb: &Aabb, meta: u8) {
         self.meta[self.children] = meta;
         for axis in 0..3 {
-            let step = step(self.exponents[axis]);
+            // A power of two, whose reciprocal is exact.
+            let steps = 1.0 / step(self.exponents[axis]);
             let origin = f64::from(self.origin[axis]);
             let (low, high) = (f64::from(aabb.min[axis]), f64::from(aabb.max[axis]));
-            let (low, high) = ((low - origin) / step - ROUNDING, (high - origin) / step + ROUNDING);
-            self.planes[axis][0][self.children] = low.floor().clamp(0.0, 255.0) as u8;
-            self.planes[axis][1][self.children] = high.ceil().clamp(0.0, 255.0) as u8;
+            let (low, high) = ((low - origin) * steps - ROUNDING, (high - origin) * steps + ROUNDING);
+            // The cast cuts off the fraction and keeps within [0, 255].
+            let below = high as u8;
+            self.planes[axis][0][self.children] = low as u8;
+            self.planes[axis][1][self.children] = below.saturating_add(u8::from(f64::from(below) < high));
         }
         self.children += 1;
     }

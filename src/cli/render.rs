@@ -6,13 +6,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use anyhow::{Context, ensure};
+use glam::Vec3;
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 
 use crate::export::plain;
-use crate::film::{WriteOptions, check_output, write_image};
+use crate::film::{Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
 use crate::gpu::DeviceDescription;
-use crate::render::{Outcome, PreparedScene, Progress, Session, Settings, Statistics};
+use crate::render::{PreparedScene, Progress, Session, Settings, Statistics};
 use crate::scene::Scene;
 
 use super::devices::kind_name;
@@ -59,11 +60,23 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
 
     let interrupted = stop_on_interrupt("finishing the samples that are begun; Ctrl-C again gives them up")?;
     let bar = progress_bar(arguments.quiet, settings.samples);
-    let outcome = session.render(|progress| {
-        show(&bar, progress);
-        if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    })?;
+    // Of a tile that is done the mean is kept, an eighth of its film.
+    let mut pixels = room_for_pixels(&settings)?;
+    let mut mean = MeanSum::default();
+    let statistics = session.render_tiles(
+        |progress| {
+            show(&bar, progress);
+            if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        },
+        |tile| {
+            pixels.extend(tile.mean().pixels);
+            mean.add(&tile);
+        },
+    )?;
     bar.finish_and_clear();
+    // Nothing is known of rows that a broken-off render has not come to.
+    pixels.resize(settings.width as usize * settings.height as usize, Vec3::NAN);
+    let image = Image::new(settings.width, settings.height, pixels);
 
     let report = Report {
         scene: &scene,
@@ -72,11 +85,23 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         device: device.description(),
         exposure: arguments.exposure,
     };
-    write(arguments, &report, &outcome)?;
+    write(arguments, &report, &image, &statistics, &mean.mean())?;
     if !arguments.quiet {
-        summarise(arguments, &settings, &outcome.statistics);
+        summarise(arguments, &settings, &statistics);
     }
     Ok(())
+}
+
+/// Room for all pixels, so that a large image fails before the work and not after it.
+fn room_for_pixels(settings: &Settings) -> anyhow::Result<Vec<Vec3>> {
+    let Settings { width, height, .. } = *settings;
+    let count = width as usize * height as usize;
+    let mut pixels = Vec::new();
+    pixels.try_reserve_exact(count).with_context(|| {
+        let needed = count * size_of::<Vec3>();
+        format!("an image of {width}x{height} needs {needed} bytes of memory; use a smaller --width or --height")
+    })?;
+    Ok(pixels)
 }
 
 /// Whether two paths whose folders exist name one file, however they are spelled.
@@ -126,6 +151,8 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "width_pixels": settings.width,
         "height_pixels": settings.height,
         "samples_per_pixel": statistics.samples,
+        "finished_rows_pixels": statistics.rows,
+        "tile_rows_pixels": statistics.tile_rows,
         "integrator": integrator_name(settings.integrator),
         "max_bounces": settings.max_bounces.map_or(-1, i64::from),
         "roulette": settings.roulette,
@@ -179,10 +206,8 @@ impl Report<'_> {
         record(self.scene, self.settings, self.device, statistics)
     }
 
-    fn statistics(&self, outcome: &Outcome) -> Value {
-        let statistics = &outcome.statistics;
+    fn statistics(&self, statistics: &Statistics, mean: &ImageMean) -> Value {
         let wall = statistics.wall_time.as_secs_f64();
-        let mean = outcome.film.mean_and_standard_error();
         let kernels: Map<_, _> = statistics
             .kernels()
             .into_iter()
@@ -212,16 +237,20 @@ impl Report<'_> {
     }
 }
 
-fn write(arguments: &RenderArguments, report: &Report<'_>, outcome: &Outcome) -> anyhow::Result<()> {
-    let metadata: Vec<(String, String)> = report
-        .settings(&outcome.statistics)
-        .into_iter()
-        .map(|(key, value)| (format!("raywave.{key}"), plain(&value)))
-        .collect();
+fn write(
+    arguments: &RenderArguments,
+    report: &Report<'_>,
+    image: &Image,
+    statistics: &Statistics,
+    mean: &ImageMean,
+) -> anyhow::Result<()> {
+    let metadata: Vec<(String, String)> =
+        report.settings(statistics).into_iter().map(|(key, value)| (format!("raywave.{key}"), plain(&value))).collect();
     let options = WriteOptions { exposure: arguments.exposure, metadata: &metadata };
-    write_image(&arguments.output, &outcome.film.mean(), &options)?;
+    write_image(&arguments.output, image, &options)?;
     if let Some(path) = &arguments.stats {
-        let text = serde_json::to_string_pretty(&report.statistics(outcome)).context("statistics become JSON")?;
+        let text =
+            serde_json::to_string_pretty(&report.statistics(statistics, mean)).context("statistics become JSON")?;
         write_text(path, &(text + "\n"))?;
     }
     Ok(())
@@ -229,11 +258,13 @@ fn write(arguments: &RenderArguments, report: &Report<'_>, outcome: &Outcome) ->
 
 fn summarise(arguments: &RenderArguments, settings: &Settings, statistics: &Statistics) {
     let seconds = statistics.wall_time.as_secs_f64();
-    let part = if statistics.samples < settings.samples {
-        format!(", of {} asked for", settings.samples)
-    } else {
-        String::new()
-    };
+    let mut part = String::new();
+    if statistics.samples < settings.samples {
+        part += &format!(", of {} asked for", settings.samples);
+    }
+    if statistics.rows < settings.height {
+        part += &format!(", in rows 1 to {} alone", statistics.rows);
+    }
     eprintln!(
         "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s",
         arguments.output.display(),

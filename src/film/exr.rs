@@ -3,12 +3,13 @@
 //! The `exr` crate keeps custom attributes in a hash map, so it neither writes them in a fixed
 //! order nor tells the order in a file. The same image would give different bytes from run to run.
 //! Text attributes therefore pass through this module's own few lines, which put them into, and
-//! take them out of, the header as the [file layout] lays it down:
+//! take them out of, the header as the [file layout] lays it down (the crate writes one attribute of
+//! their size in their stead):
 //! magic, version, (name NUL type NUL size value)*, NUL, table of chunk offsets, chunks.
 //!
 //! [file layout]: https://openexr.com/en/latest/OpenEXRFileLayout.html
 
-use std::io::{self, BufRead, Cursor, Read};
+use std::io::{self, BufRead, BufReader, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use exr::{
@@ -17,7 +18,11 @@ use exr::{
         write::WritableImage,
     },
     math::Vec2,
-    meta::{MetaData, header::LayerAttributes},
+    meta::{
+        MetaData,
+        attribute::{AttributeValue, Text},
+        header::LayerAttributes,
+    },
     prelude::{ReadChannels, ReadLayers},
 };
 use glam::Vec3;
@@ -27,12 +32,8 @@ use super::{FilmError, Image, files::check_size};
 const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 /// Bytes before the first attribute: magic and version.
 const PREAMBLE: usize = 8;
-/// Bit of the version field that admits names of more than 31 bytes.
-const LONG_NAMES: u32 = 0x400;
 /// Longest name that the format admits.
 const MAX_NAME: usize = 255;
-/// Scanlines in one chunk of ZIP compression.
-const LINES_PER_CHUNK: usize = 16;
 /// Text attributes that say how the file is built, not how the image was made.
 const STRUCTURAL: [&str; 2] = ["type", "name"];
 
@@ -48,51 +49,69 @@ pub fn key_fault(key: &str) -> Option<&'static str> {
     }
 }
 
-/// The image as an EXR file. The keys of `metadata` have passed [`key_fault`] and differ.
-pub fn encode(image: &Image, metadata: &[(String, String)]) -> Result<Vec<u8>, String> {
+/// Writes the image as an EXR file, a few lines at a time. The keys of `metadata` have passed
+/// [`key_fault`] and differ.
+pub fn encode(file: &mut (impl Read + Write + Seek), image: &Image, metadata: &[(String, String)]) -> io::Result<()> {
     let (width, height) = (image.width as usize, image.height as usize);
     let channels = SpecificChannels::rgb(|Vec2(x, y): Vec2<usize>| {
         let pixel = image.pixels[y * width + x];
         (pixel.x, pixel.y, pixel.z)
     });
-    let layer = Layer::new(
-        (width, height),
-        LayerAttributes::default(),
-        // ZIP in increasing order of lines: the bytes do not depend on which thread was faster.
-        Encoding::SMALL_LOSSLESS,
-        channels,
-    );
-    let mut bytes = Vec::new();
-    ExrImage::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes)).map_err(|error| error.to_string())?;
-    insert_metadata(bytes, metadata, height.div_ceil(LINES_PER_CHUNK)).map_err(|error| error.to_string())
+    let records = records_of(metadata)?;
+    let mut attributes = LayerAttributes::default();
+    // The longest key is the name of what stands for all of them: it says whether there are long names.
+    let longest = metadata.iter().map(|(key, _)| key).max_by_key(|key| key.len());
+    if let Some(name) = longest {
+        let bytes = vec![0; records.len() - record(name, 0).len()].into();
+        let stand_in = AttributeValue::Custom { kind: Text::from(STRING), bytes };
+        attributes.other.insert(Text::new_or_panic(name), stand_in);
+    }
+    // ZIP in increasing order of lines: the bytes do not depend on which thread was faster.
+    let layer = Layer::new((width, height), attributes, Encoding::SMALL_LOSSLESS, channels);
+    let mut buffered = BufWriter::new(&mut *file);
+    ExrImage::from_layer(layer).write().to_buffered(&mut buffered).map_err(io::Error::other)?;
+    buffered.flush()?;
+    drop(buffered);
+    if let Some(name) = longest {
+        let place = place_of(file, name)?;
+        file.seek(SeekFrom::Start(place))?;
+        file.write_all(&records)?;
+    }
+    Ok(())
 }
 
-/// Adds text attributes at the end of the header and moves the chunk offsets accordingly.
-fn insert_metadata(mut file: Vec<u8>, metadata: &[(String, String)], chunks: usize) -> io::Result<Vec<u8>> {
-    let mut reader = Cursor::new(&file[PREAMBLE..]);
-    while Attribute::read(&mut reader)?.is_some() {}
-    // The reader stands behind the NUL that ends the header.
-    let table = PREAMBLE + reader.position() as usize;
+/// Type of a text attribute.
+const STRING: &str = "string";
 
-    let mut attributes = Vec::new();
+/// Name, type and size of a text attribute of so many bytes.
+fn record(key: &str, size: i32) -> Vec<u8> {
+    [key.as_bytes(), b"\0", STRING.as_bytes(), b"\0", &size.to_le_bytes()].concat()
+}
+
+/// The metadata as text attributes.
+fn records_of(metadata: &[(String, String)]) -> io::Result<Vec<u8>> {
+    let mut records = Vec::new();
     for (key, text) in metadata {
         let size =
             i32::try_from(text.len()).map_err(|_| io::Error::other(format!("the metadata {key} exceeds 2 GiB")))?;
-        attributes.extend([key.as_bytes(), b"\0string\0", &size.to_le_bytes()].concat());
-        attributes.extend(text.as_bytes());
+        records.extend(record(key, size));
+        records.extend(text.as_bytes());
     }
+    Ok(records)
+}
 
-    if metadata.iter().any(|(key, _)| key.len() > 31) {
-        let version: [u8; 4] = std::array::from_fn(|i| file[4 + i]);
-        let version = u32::from_le_bytes(version) | LONG_NAMES;
-        file[4..PREAMBLE].copy_from_slice(&version.to_le_bytes());
+/// Where an attribute begins in the file.
+fn place_of(file: &mut (impl Read + Seek), name: &str) -> io::Result<u64> {
+    file.seek(SeekFrom::Start(PREAMBLE as u64))?;
+    let mut reader = BufReader::new(file);
+    loop {
+        let place = reader.stream_position()?;
+        match Attribute::read(&mut reader)? {
+            Some(attribute) if attribute.name == name => return Ok(place),
+            Some(_) => {}
+            None => return Err(io::Error::other("the header lacks an attribute that was written")),
+        }
     }
-    let (offsets, _) = file[table..table + 8 * chunks].as_chunks_mut::<8>();
-    for offset in offsets {
-        *offset = (u64::from_le_bytes(*offset) + attributes.len() as u64).to_le_bytes();
-    }
-    file.splice(table - 1..table - 1, attributes);
-    Ok(file)
 }
 
 /// The text attributes of the first part, in the order of the file.
@@ -104,7 +123,7 @@ pub fn text_attributes(mut reader: impl BufRead) -> io::Result<Vec<(String, Stri
     }
     let mut texts = Vec::new();
     while let Some(attribute) = Attribute::read(&mut reader)? {
-        if attribute.kind == "string" && !STRUCTURAL.contains(&attribute.name.as_str()) {
+        if attribute.kind == STRING && !STRUCTURAL.contains(&attribute.name.as_str()) {
             let text = String::from_utf8_lossy(&attribute.value).into_owned();
             texts.push((attribute.name, text));
         }

@@ -2,14 +2,11 @@
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
-use std::io::{self, BufReader, Cursor};
+use std::io::{self, BufReader, BufWriter, Cursor, Read, Seek, Write};
 use std::path::Path;
 
 use glam::Vec3;
-use image::{
-    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder,
-    codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder},
-};
+use image::{DynamicImage, ImageDecoder, codecs::png::PngDecoder};
 
 use super::{FilmError, Image, exr, rgbe, srgb};
 use crate::whole_file;
@@ -76,8 +73,8 @@ pub fn check_output(path: &Path) -> Result<(), FilmError> {
 /// What [`check_output`] finds, an image without pixels, a metadata key that EXR cannot take, a
 /// full disk.
 pub fn write_image(path: &Path, image: &Image, options: &WriteOptions) -> Result<(), FilmError> {
-    let bytes = image_bytes(path, image, options)?;
-    whole_file::write(path, |file| file.write_all(&bytes)).map_err(unwritable(path))
+    let format = check_image(path, image, options)?;
+    whole_file::write_freely(path, |file| encode(file, format, image, options)).map_err(unwritable(path))
 }
 
 /// The bytes that [`write_image`] puts into the file.
@@ -86,18 +83,39 @@ pub fn write_image(path: &Path, image: &Image, options: &WriteOptions) -> Result
 ///
 /// As [`write_image`], as far as they do not concern the disk.
 pub fn image_bytes(path: &Path, image: &Image, options: &WriteOptions) -> Result<Vec<u8>, FilmError> {
+    let format = check_image(path, image, options)?;
+    let mut bytes = Cursor::new(Vec::new());
+    encode(&mut bytes, format, image, options).map_err(unwritable(path))?;
+    Ok(bytes.into_inner())
+}
+
+/// Whether a file of that name can hold the image, and in which format.
+fn check_image(path: &Path, image: &Image, options: &WriteOptions) -> Result<Format, FilmError> {
     let format = Format::of(path)?;
     let pixels = image.pixels.len();
     if pixels == 0 || pixels as u64 != u64::from(image.width) * u64::from(image.height) {
         return Err(FilmError::Shape { path: path.to_path_buf(), width: image.width, height: image.height, pixels });
     }
     check_metadata(path, options.metadata)?;
-    let encoded = match format {
-        Format::Exr => exr::encode(image, options.metadata),
-        Format::Png => png_bytes(image, options.exposure),
-        Format::Hdr => Ok(rgbe::encode(image)),
-    };
-    encoded.map_err(|cause| unwritable(path)(io::Error::other(cause)))
+    Ok(format)
+}
+
+/// Writes a file a few rows at a time: beside the image it takes no memory to speak of.
+fn encode(
+    file: &mut (impl Read + Write + Seek),
+    format: Format,
+    image: &Image,
+    options: &WriteOptions,
+) -> io::Result<()> {
+    match format {
+        Format::Exr => exr::encode(file, image, options.metadata),
+        Format::Png => encode_png(file, image, options.exposure),
+        Format::Hdr => {
+            let mut file = BufWriter::new(file);
+            rgbe::encode(&mut file, image)?;
+            file.flush()
+        }
+    }
 }
 
 /// Reads an image as linear radiance, in the format that the extension of `path` names.
@@ -160,19 +178,23 @@ fn unwritable(path: &Path) -> impl FnOnce(io::Error) -> FilmError {
     |cause| FilmError::Write { path: path.to_path_buf(), cause }
 }
 
-fn png_bytes(image: &Image, exposure: f32) -> Result<Vec<u8>, String> {
+fn encode_png(file: impl Write, image: &Image, exposure: f32) -> io::Result<()> {
     let gain = f64::from(exposure).exp2();
-    let codes: Vec<u8> = image
-        .pixels
-        .iter()
-        .flat_map(|pixel| pixel.to_array())
-        .map(|radiance| srgb::encode_byte(f64::from(radiance) * gain))
-        .collect();
-    let mut bytes = Vec::new();
-    PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive)
-        .write_image(&codes, image.width, image.height, ExtendedColorType::Rgb8)
-        .map_err(|error| error.to_string())?;
-    Ok(bytes)
+    let mut encoder = png::Encoder::new(BufWriter::new(file), image.width, image.height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Balanced);
+    encoder.set_filter(png::Filter::Adaptive);
+    let mut header = encoder.write_header()?;
+    let mut rows = header.stream_writer()?;
+    for row in image.pixels.chunks(image.width as usize) {
+        let radiances = row.iter().flat_map(|pixel| pixel.to_array());
+        let codes: Vec<u8> = radiances.map(|radiance| srgb::encode_byte(f64::from(radiance) * gain)).collect();
+        rows.write_all(&codes)?;
+    }
+    rows.finish()?;
+    header.finish()?;
+    Ok(())
 }
 
 fn decode_png(path: &Path, bytes: &[u8]) -> Result<Image, FilmError> {

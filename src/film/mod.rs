@@ -14,7 +14,7 @@ use glam::Vec3;
 
 pub use error::FilmError;
 pub use files::{MAX_PIXELS, WriteOptions, check_output, image_bytes, read_image, read_metadata, write_image};
-pub use moments::{FilmMoments, ImageMean};
+pub use moments::{FilmMoments, ImageMean, MeanSum};
 
 /// An image of linear radiance, Rec. 709 primaries.
 #[derive(Debug, Clone, PartialEq)]

@@ -29,7 +29,44 @@ pub struct ImageMean {
     pub standard_error: DVec3,
 }
 
+/// The mean over all pixels of an image that comes in parts.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct MeanSum {
+    pixels: u64,
+    mean: DVec3,
+    variance: DVec3,
+}
+
+impl MeanSum {
+    /// Adds the pixels of a part.
+    pub fn add(&mut self, part: &FilmMoments) {
+        for pixel in 0..part.sum.len() {
+            self.mean += part.pixel_mean(pixel);
+            self.variance += part.pixel_variance_of_mean(pixel);
+        }
+        self.pixels += part.sum.len() as u64;
+    }
+
+    /// The mean of all parts. Its standard error is that of an average of independent estimates,
+    /// sqrt(sum of the pixels' variances) / pixels: the image's own contrast is no part of it.
+    pub fn mean(&self) -> ImageMean {
+        let pixels = self.pixels as f64;
+        ImageMean { mean: self.mean / pixels, standard_error: self.variance.map(f64::sqrt) / pixels }
+    }
+}
+
 impl FilmMoments {
+    /// Adds the rows of `below` under its own.
+    ///
+    /// # Panics
+    /// When they are of another width or other samples.
+    pub fn append(&mut self, below: Self) {
+        assert_eq!((self.width, self.samples), (below.width, below.samples), "an image is of one width and samples");
+        self.height += below.height;
+        self.sum.extend(below.sum);
+        self.sum_of_squares.extend(below.sum_of_squares);
+    }
+
     /// The image: the mean radiance of every pixel. Without samples nothing is known and every
     /// pixel is NaN.
     pub fn mean(&self) -> Image {
@@ -42,17 +79,11 @@ impl FilmMoments {
         self.image(|pixel| self.pixel_variance_of_mean(pixel))
     }
 
-    /// The mean over all pixels. Its standard error is that of an average of independent
-    /// estimates, sqrt(sum of the pixels' variances) / pixels: the image's own contrast is no
-    /// part of it.
+    /// The mean over all pixels, as [`MeanSum`] has it.
     pub fn mean_and_standard_error(&self) -> ImageMean {
-        let pixels = self.sum.len();
-        let sum_of = |of: &dyn Fn(usize) -> DVec3| (0..pixels).map(of).fold(DVec3::ZERO, |a, b| a + b);
-        let variance = sum_of(&|pixel| self.pixel_variance_of_mean(pixel));
-        ImageMean {
-            mean: sum_of(&|pixel| self.pixel_mean(pixel)) / pixels as f64,
-            standard_error: variance.map(f64::sqrt) / pixels as f64,
-        }
+        let mut sum = MeanSum::default();
+        sum.add(self);
+        sum.mean()
     }
 
     fn pixel_mean(&self, pixel: usize) -> DVec3 {

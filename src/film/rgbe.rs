@@ -3,6 +3,7 @@
 //! Source: Ward, "Real Pixels", Graphics Gems II (1991), with one change. Ward truncates the
 //! mantissas, which darkens an image by half a step on average; a measuring instrument rounds.
 
+use std::io::{self, Write};
 use std::path::Path;
 
 use glam::Vec3;
@@ -13,16 +14,14 @@ use super::{FilmError, Image, files::check_size};
 /// Largest exponent byte. The stored value is mantissa * 2^(exponent - 136).
 const MAX_EXPONENT: i32 = 255;
 
-/// The image as a Radiance file, scanlines stored flat.
+/// Writes the image as a Radiance file, scanlines stored flat.
 ///
 /// Flat scanlines are legal and need no escape: a reader takes a scanline for run-length coded
 /// when it opens with (2, 2, < 128) or (1, 1, 1), and the largest mantissa written here is 0 or at
 /// least 128.
-pub fn encode(image: &Image) -> Vec<u8> {
-    let mut bytes =
-        format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {} +X {}\n", image.height, image.width).into_bytes();
-    bytes.extend(image.pixels.iter().flat_map(|&pixel| rgbe(pixel)));
-    bytes
+pub fn encode(file: &mut impl Write, image: &Image) -> io::Result<()> {
+    write!(file, "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {} +X {}\n", image.height, image.width)?;
+    image.pixels.iter().try_for_each(|&pixel| file.write_all(&rgbe(pixel)))
 }
 
 /// One pixel. Negative light and NaN become 0, too much becomes the largest value there is.

@@ -83,6 +83,12 @@ impl Device {
         &self.shared.description
     }
 
+    /// Bytes of the heap of [`DeviceDescription::memory_bytes`] that are taken, by this process and all
+    /// others; 0 where the driver does not tell.
+    pub(super) fn used_memory(&self) -> u64 {
+        self.shared.instance.used_memory(&self.shared.description)
+    }
+
     /// What the validation layer has said so far; empty when all is well.
     pub fn validation_messages(&self) -> Vec<String> {
         self.shared.instance.validation_messages()

@@ -26,9 +26,10 @@ pub enum GpuError {
     #[error("{buffer} needs {needed} bytes in one buffer and the device allows {allowed}; {advice}")]
     BufferTooLarge { buffer: &'static str, needed: u64, allowed: u64, advice: &'static str },
     #[error(
-        "the render needs {needed} bytes of device memory and the device has {available}; use a smaller scene, image or --in-flight"
+        "the render needs {needed} bytes of device memory ({roles}) and the device has {free}{}; use a smaller scene or --in-flight",
+        in_use(*used)
     )]
-    OutOfMemory { needed: u64, available: u64 },
+    OutOfMemory { needed: u64, roles: String, free: u64, used: u64 },
     #[error("memory for {buffer} ({bytes} bytes) could not be had: {source}")]
     Allocation { buffer: &'static str, bytes: u64, source: gpu_allocator::AllocationError },
     #[error("a kernel binds {binding}, which nobody provides")]
@@ -39,6 +40,11 @@ pub enum GpuError {
     DeviceLost { pass: String },
     #[error("{action} failed: {result}")]
     Vulkan { action: &'static str, result: vk::Result },
+}
+
+/// What is taken of a heap, for a message.
+fn in_use(used: u64) -> String {
+    if used > 0 { format!(" ({used} more are in use)") } else { String::new() }
 }
 
 /// Names the call of a Vulkan result.

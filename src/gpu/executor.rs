@@ -10,6 +10,7 @@ use gpu_allocator::MemoryLocation;
 use super::buffer::Buffer;
 use super::device::{Device, Shared};
 use super::error::{Action, GpuError};
+use super::memory::{MemoryLimits, MemoryPlan, plan_memory};
 use super::pipeline::{Pipelines, descriptor_type};
 use crate::recording::{Pass, Recording};
 use crate::shaders::{Access, BindingKind, Edition, Kernel};
@@ -113,34 +114,18 @@ impl Executor {
     pub fn new(device: &Device, description: ExecutorDescription<'_>) -> Result<Self, GpuError> {
         let shared = &device.shared;
         let limits = &shared.description;
-        let fits_storage = |role: &BufferRole<'_>| role.size <= limits.max_storage_buffer_bytes;
-        let fits_texels = |role: &BufferRole<'_>| match role.usage {
-            BufferUse::Scene { texel_bytes } => role.size / texel_bytes <= limits.max_texel_buffer_elements,
-            _ => true,
-        };
-        let scene = |role: &&BufferRole<'_>| matches!(role.usage, BufferUse::Scene { .. });
-        let all_texels = description.buffers.iter().filter(scene).all(fits_texels);
-        let all_storage = description.buffers.iter().filter(scene).all(fits_storage);
         let wanted = description
             .access
             .unwrap_or(Access { texel_fetch: limits.kind == super::DeviceKind::Cpu, subgroup_ballot: true });
-        let texel_fetch = all_texels && (wanted.texel_fetch || !all_storage);
+        let memory = MemoryLimits {
+            storage_buffer_bytes: limits.max_storage_buffer_bytes,
+            texels: limits.max_texel_buffer_elements,
+            heap_bytes: limits.memory_bytes,
+            used_bytes: device.used_memory(),
+        };
+        let MemoryPlan { texel_fetch, bytes } =
+            plan_memory(&description.buffers, STAGING_BYTES, wanted.texel_fetch, &memory)?;
         let access = Access { texel_fetch, subgroup_ballot: wanted.subgroup_ballot && limits.subgroup_ballot };
-        for role in &description.buffers {
-            let advice = match role.usage {
-                BufferUse::Scene { .. } => "use a smaller scene",
-                _ => "use a smaller image or --in-flight",
-            };
-            let by_texels = texel_fetch && scene(&role);
-            if !by_texels && !fits_storage(role) {
-                let allowed = limits.max_storage_buffer_bytes;
-                return Err(GpuError::BufferTooLarge { buffer: role.name, needed: role.size, allowed, advice });
-            }
-        }
-        let needed = description.buffers.iter().map(|role| role.size).sum::<u64>() + STAGING_BYTES;
-        if needed > limits.memory_bytes {
-            return Err(GpuError::OutOfMemory { needed, available: limits.memory_bytes });
-        }
 
         let variants: Vec<_> = description
             .kernels
@@ -162,7 +147,7 @@ impl Executor {
             times: BTreeMap::new(),
             seconds: 0.0,
             access,
-            memory_bytes: needed,
+            memory_bytes: bytes,
             device: Arc::clone(shared),
         };
         executor.make_slots()?;

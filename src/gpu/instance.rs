@@ -69,6 +69,10 @@ pub struct DeviceDescription {
     pub unusable: Option<String>,
     pub(super) identity: Identity,
     pub(super) queue_family: u32,
+    /// The heap of `memory_bytes`.
+    heap: usize,
+    /// Whether the driver tells what of its memory is taken.
+    has_memory_budget: bool,
     pub(super) timestamp_bits: u32,
 }
 
@@ -184,6 +188,20 @@ impl Instance {
         }
     }
 
+    /// Bytes of the device's heap that cannot be had any more; 0 where the driver does not tell.
+    pub(super) fn used_memory(&self, device: &DeviceDescription) -> u64 {
+        if !device.has_memory_budget {
+            return 0;
+        }
+        let mut budget = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
+        let mut properties = vk::PhysicalDeviceMemoryProperties2::default().push_next(&mut budget);
+        // SAFETY: the device comes from this instance and has the extension; the chain consists of locals.
+        unsafe { self.raw.get_physical_device_memory_properties2(device.raw, &mut properties) };
+        // The budget is what this process may have in all, its own use included.
+        let free = budget.heap_budget[device.heap].saturating_sub(budget.heap_usage[device.heap]);
+        device.memory_bytes.saturating_sub(free)
+    }
+
     fn describe(&self, raw: vk::PhysicalDevice) -> DeviceDescription {
         let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
         let mut driver = vk::PhysicalDeviceDriverProperties::default();
@@ -202,6 +220,11 @@ impl Instance {
         let version = core.api_version;
         let text = |name: Result<&CStr, _>| name.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let heaps = &memory.memory_heaps[..memory.memory_heap_count as usize];
+        let local = heaps.iter().enumerate().filter(|(_, heap)| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+        let (heap, memory_bytes) =
+            local.map(|(index, heap)| (index, heap.size)).max_by_key(|(_, size)| *size).unwrap_or((0, 0));
+        // SAFETY: `raw` comes from this instance.
+        let extensions = unsafe { self.raw.enumerate_device_extension_properties(raw) }.unwrap_or_default();
         let unusable = if version < vk::API_VERSION_1_2 {
             Some("it has no Vulkan 1.2".to_owned())
         } else if family.is_none() {
@@ -240,12 +263,11 @@ impl Instance {
                 .max_compute_work_group_invocations
                 .min(core.limits.max_compute_work_group_size[0]),
             max_workgroups: core.limits.max_compute_work_group_count[0],
-            memory_bytes: heaps
+            memory_bytes,
+            heap,
+            has_memory_budget: extensions
                 .iter()
-                .filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
-                .map(|heap| heap.size)
-                .max()
-                .unwrap_or(0),
+                .any(|extension| extension.extension_name_as_c_str() == Ok(ext::memory_budget::NAME)),
             timestamp_period: core.limits.timestamp_period,
             unusable,
             identity: Identity {

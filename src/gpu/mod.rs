@@ -9,6 +9,7 @@ mod device;
 mod error;
 mod executor;
 mod instance;
+mod memory;
 mod pipeline;
 mod pipeline_cache;
 

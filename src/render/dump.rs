@@ -40,7 +40,8 @@ impl Session {
         }
         let shadow = class == RayClass::Shadow;
         self.clear()?;
-        let batch = self.plan.batches(0..self.settings.samples).next().expect("a render has a sample");
+        let tile = self.plan.tiles().next().expect("an image has a row");
+        let batch = self.plan.batches(tile, 0..self.settings.samples).next().expect("a render has a sample");
         let mut recording = Recording::default();
         wavefront::begin(&mut recording, &self.plan, batch);
         let (mut count, mut last) = (0, None);

@@ -14,7 +14,7 @@ mod settings;
 mod wavefront;
 
 pub use dump::QueuedRays;
-pub use plan::{Plan, PlanError, SampleRange};
+pub use plan::{Plan, SampleRange, Tile};
 pub use prepare::{Features, Normalisation, PrepareError, PreparedScene};
 pub use replay::{Replay, ReplayOutcome, distances};
 pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};

@@ -1,7 +1,5 @@
 //! Sizes, capacities, workgroup counts and batches of a render: arithmetic without a device.
 
-use thiserror::Error;
-
 use super::Settings;
 use crate::layout;
 
@@ -14,31 +12,37 @@ pub struct DeviceLimits {
     pub max_workgroups: u32,
     /// Most bytes of a storage buffer.
     pub max_storage_buffer_bytes: u64,
+    /// Most bytes of film that it is to hold at once; a larger one is rendered by tiles.
+    pub max_film_bytes: u64,
     /// Whether it is software: few threads, small caches.
     pub software: bool,
-}
-
-/// A plan that cannot be made.
-#[derive(Debug, Error, PartialEq)]
-#[allow(missing_docs, reason = "the messages say it")]
-pub enum PlanError {
-    #[error(
-        "an image of {width}x{height} pixels needs a film of {needed} bytes and the device allows {allowed} in one buffer; use a smaller --width or --height"
-    )]
-    FilmTooLarge { width: u32, height: u32, needed: u64, allowed: u64 },
 }
 
 /// Sizes of a render.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Plan {
-    /// Pixels of the film.
-    pub pixels: u32,
+    /// Width of the image in pixels.
+    pub width: u32,
+    /// Rows of the image.
+    pub height: u32,
+    /// Rows of a tile, the part of the image whose film the device holds at once. All of them where
+    /// that fits.
+    pub tile_rows: u32,
     /// Path slots: the most paths in flight.
     pub path_capacity: u32,
     /// Invocations of a workgroup.
     pub workgroup_size: u32,
     /// Paths that an invocation of the megakernel follows one after the other.
     pub paths_per_invocation: u32,
+}
+
+/// A part of the image: whole rows, one under the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tile {
+    /// Number of the first row, from the top.
+    pub first_row: u32,
+    /// Rows, at least 1.
+    pub rows: u32,
 }
 
 /// Pixels and samples of one batch.
@@ -52,13 +56,15 @@ pub struct SampleRange {
     pub first_sample: u32,
     /// Samples of each pixel, at least 1.
     pub sample_count: u32,
+    /// Place of the first pixel in its tile.
+    pub film_pixel: u32,
 }
 
 impl SampleRange {
     /// The push constants of a pass whose paths have had `bounce` scattering events.
     pub fn at_bounce(self, bounce: u32) -> layout::Batch {
-        let Self { first_pixel, pixel_count, first_sample, sample_count } = self;
-        layout::Batch { first_pixel, pixel_count, first_sample, sample_count, bounce }
+        let Self { first_pixel, pixel_count, first_sample, sample_count, film_pixel } = self;
+        layout::Batch { first_pixel, pixel_count, first_sample, sample_count, bounce, film_pixel }
     }
 }
 
@@ -70,6 +76,9 @@ impl Plan {
     /// dispatches, few enough for the caches of a software device.
     const SOFTWARE_PATHS: u32 = 1 << 18;
     const HARDWARE_PATHS: u32 = 1 << 21;
+    /// Bytes of the film of a tile, where the image is more than one: enough pixels to keep any
+    /// device busy, few enough for the host that reads them.
+    const TILE_BYTES: u64 = 1 << 27;
     /// Samples of a pixel in one batch, at most: resolve loops over them, and lavapipe leaves an
     /// invocation's loops after 65 535 rounds without a word.
     const SAMPLES_AT_ONCE: u32 = 1 << 15;
@@ -82,35 +91,33 @@ impl Plan {
     /// Turns of its loops that an invocation may take: lavapipe leaves them after 65 535.
     const LOOP_TURNS: u32 = 65_535;
 
-    /// Computes the sizes for a scene whose BVH has `depth` levels.
-    ///
-    /// # Errors
-    /// When the film does not fit a buffer.
-    pub fn new(settings: &Settings, depth: u32, device: &DeviceLimits) -> Result<Self, PlanError> {
-        let pixels = u64::from(settings.width) * u64::from(settings.height);
-        let needed = pixels * size_of::<layout::FilmPixel>() as u64;
-        if needed > device.max_storage_buffer_bytes || pixels > u64::from(u32::MAX) {
-            return Err(PlanError::FilmTooLarge {
-                width: settings.width,
-                height: settings.height,
-                needed,
-                allowed: device.max_storage_buffer_bytes,
-            });
-        }
-        let pixels = pixels as u32;
+    /// Computes the sizes for a scene whose BVH has `depth` levels and settings that make sense.
+    pub fn new(settings: &Settings, depth: u32, device: &DeviceLimits) -> Self {
+        let Settings { width, height, .. } = *settings;
+        let tile_rows = Self::tile_rows(width, height, device);
+        let pixels = u64::from(width) * u64::from(tile_rows);
         let workgroup_size = settings.workgroup_size.unwrap_or(256).min(device.max_workgroup_size);
         let wanted =
             settings.in_flight.unwrap_or(if device.software { Self::SOFTWARE_PATHS } else { Self::HARDWARE_PATHS });
         let by_dispatch = u64::from(device.max_workgroups) * u64::from(workgroup_size);
         let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES;
-        let useful = u64::from(pixels) * u64::from(settings.samples.min(Self::SAMPLES_AT_ONCE));
+        let useful = pixels * u64::from(settings.samples.min(Self::SAMPLES_AT_ONCE));
         let path_capacity = u64::from(wanted.max(1)).min(by_dispatch).min(by_buffer).min(useful) as u32;
         let paths_per_invocation = settings.paths_per_invocation.unwrap_or(if device.software {
             Self::safe_paths_per_invocation(settings, depth)
         } else {
             1
         });
-        Ok(Self { pixels, path_capacity, workgroup_size, paths_per_invocation })
+        Self { width, height, tile_rows, path_capacity, workgroup_size, paths_per_invocation }
+    }
+
+    /// All rows where their film fits the device, else as many as a tile has.
+    fn tile_rows(width: u32, height: u32, device: &DeviceLimits) -> u32 {
+        let row_bytes = u64::from(width) * size_of::<layout::FilmPixel>() as u64;
+        if row_bytes * u64::from(height) <= device.max_film_bytes {
+            return height;
+        }
+        (device.max_film_bytes.min(Self::TILE_BYTES) / row_bytes).clamp(1, u64::from(height)) as u32
     }
 
     /// As many paths as stay within the turns of the loops: each vertex has two rays, and a ray was
@@ -130,7 +137,7 @@ impl Plan {
         let wanted = u64::from(settings.in_flight.unwrap_or(Self::REPLAYED_RAYS));
         let path_capacity = wanted.min(by_dispatch).min(by_buffer).min(rays).max(1) as u32;
         // There is no film.
-        Self { pixels: 0, path_capacity, workgroup_size, paths_per_invocation: 1 }
+        Self { width: 0, height: 0, tile_rows: 0, path_capacity, workgroup_size, paths_per_invocation: 1 }
     }
 
     /// Workgroups that cover `items` invocations.
@@ -138,19 +145,39 @@ impl Plan {
         items.div_ceil(self.workgroup_size)
     }
 
-    /// The batches that take every pixel from `samples.start` to `samples.end`: whole samples of
-    /// the image where they fit the path slots, else a part of the pixels at a time.
-    pub fn batches(&self, samples: std::ops::Range<u32>) -> impl Iterator<Item = SampleRange> + use<> {
-        let Plan { pixels, path_capacity, .. } = *self;
+    /// Pixels of the image.
+    pub fn pixels(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
+    }
+
+    /// Bytes of the film of a tile.
+    pub fn film_bytes(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.tile_rows) * size_of::<layout::FilmPixel>() as u64
+    }
+
+    /// The tiles of the image, from the top.
+    pub fn tiles(&self) -> impl Iterator<Item = Tile> + use<> {
+        let Plan { height, tile_rows, .. } = *self;
+        (0..height)
+            .step_by(tile_rows as usize)
+            .map(move |first_row| Tile { first_row, rows: tile_rows.min(height - first_row) })
+    }
+
+    /// The batches that take every pixel of a tile from `samples.start` to `samples.end`: whole
+    /// samples of the tile where they fit the path slots, else a part of the pixels at a time.
+    pub fn batches(&self, tile: Tile, samples: std::ops::Range<u32>) -> impl Iterator<Item = SampleRange> + use<> {
+        let Plan { width, path_capacity, .. } = *self;
+        let (tile_pixel, pixels) = (tile.first_row * width, tile.rows * width);
         let samples_at_once = (path_capacity / pixels).max(1);
         let pixels_at_once = path_capacity.min(pixels);
         let end = samples.end;
         samples.step_by(samples_at_once as usize).flat_map(move |first_sample| {
-            (0..pixels).step_by(pixels_at_once as usize).map(move |first_pixel| SampleRange {
-                first_pixel,
-                pixel_count: pixels_at_once.min(pixels - first_pixel),
+            (0..pixels).step_by(pixels_at_once as usize).map(move |film_pixel| SampleRange {
+                first_pixel: tile_pixel + film_pixel,
+                pixel_count: pixels_at_once.min(pixels - film_pixel),
                 first_sample,
                 sample_count: samples_at_once.min(end - first_sample),
+                film_pixel,
             })
         })
     }
@@ -167,6 +194,7 @@ mod tests {
         max_workgroup_size: 1024,
         max_workgroups: 65_535,
         max_storage_buffer_bytes: 1 << 27,
+        max_film_bytes: 1 << 27,
         software: true,
     };
 
@@ -195,16 +223,24 @@ mod tests {
     proptest! {
         #[test]
         fn batches_take_every_sample_once_and_in_order(
-            width in 1..40_u32, height in 1..40_u32, samples in 1..20_u32, in_flight in 1..3000_u32,
+            width in 1..40_u32, height in 1..40_u32, samples in 1..20_u32, in_flight in 1..3000_u32, rows in 1..50_u32,
         ) {
-            let plan = Plan::new(&settings(width, height, samples, Some(in_flight)), 8, &DEVICE).unwrap();
-            let mut next = vec![0; plan.pixels as usize];
-            for batch in plan.batches(0..samples) {
-                prop_assert!(batch.pixel_count * batch.sample_count <= plan.path_capacity);
-                for pixel in batch.first_pixel..batch.first_pixel + batch.pixel_count {
-                    prop_assert_eq!(next[pixel as usize], batch.first_sample);
-                    next[pixel as usize] += batch.sample_count;
+            let device = DeviceLimits { max_film_bytes: u64::from(64 * width * rows), ..DEVICE };
+            let plan = Plan::new(&settings(width, height, samples, Some(in_flight)), 8, &device);
+            prop_assert!(plan.film_bytes() <= device.max_film_bytes);
+            let mut next = vec![0; plan.pixels() as usize];
+            for tile in plan.tiles() {
+                for batch in plan.batches(tile, 0..samples) {
+                    prop_assert!(batch.pixel_count * batch.sample_count <= plan.path_capacity);
+                    prop_assert_eq!(batch.first_pixel - batch.film_pixel, tile.first_row * width);
+                    prop_assert!(batch.film_pixel + batch.pixel_count <= tile.rows * width);
+                    for pixel in batch.first_pixel..batch.first_pixel + batch.pixel_count {
+                        prop_assert_eq!(next[pixel as usize], batch.first_sample);
+                        next[pixel as usize] += batch.sample_count;
+                    }
                 }
+                // A tile is finished before the next one begins.
+                prop_assert!(next[..((tile.first_row + tile.rows) * width) as usize].iter().all(|&n| n == samples));
             }
             prop_assert!(next.iter().all(|&n| n == samples));
         }
@@ -212,10 +248,10 @@ mod tests {
 
     #[test]
     fn capacity_respects_the_device() {
-        let plan = Plan::new(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), 8, &DEVICE).unwrap();
+        let plan = Plan::new(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), 8, &DEVICE);
         assert_eq!(u64::from(plan.path_capacity), (1 << 27) / STATE_BYTES);
         let narrow = DeviceLimits { max_workgroups: 100, ..DEVICE };
-        let plan = Plan::new(&settings(1024, 1024, 1, None), 8, &narrow).unwrap();
+        let plan = Plan::new(&settings(1024, 1024, 1, None), 8, &narrow);
         assert_eq!(plan.path_capacity, 100 * 256);
     }
 
@@ -235,22 +271,29 @@ mod tests {
 
     #[test]
     fn few_pixels_do_not_make_long_loops() {
-        let plan = Plan::new(&settings(2, 1, 1 << 20, None), 8, &DEVICE).unwrap();
-        assert!(plan.batches(0..1 << 20).all(|batch| batch.sample_count <= Plan::SAMPLES_AT_ONCE));
+        let plan = Plan::new(&settings(2, 1, 1 << 20, None), 8, &DEVICE);
+        let tile = plan.tiles().next().unwrap();
+        assert!(plan.batches(tile, 0..1 << 20).all(|batch| batch.sample_count <= Plan::SAMPLES_AT_ONCE));
     }
 
     #[test]
     fn long_paths_have_an_invocation_each() {
         let paths = |max_bounces| {
             let settings = Settings { max_bounces, ..settings(64, 64, 1, None) };
-            Plan::new(&settings, 40, &DEVICE).unwrap().paths_per_invocation
+            Plan::new(&settings, 40, &DEVICE).paths_per_invocation
         };
         assert_eq!([Some(8), Some(50), None].map(paths), [8, 4, 1]);
     }
 
     #[test]
-    fn a_film_over_the_limit_is_refused() {
-        let error = Plan::new(&settings(16_384, 16_384, 1, None), 8, &DEVICE).unwrap_err();
-        assert!(matches!(error, PlanError::FilmTooLarge { needed: 17_179_869_184, .. }));
+    fn only_a_film_over_the_limit_is_cut_into_tiles() {
+        let tile_rows = |width, height, device| Plan::new(&settings(width, height, 1, None), 8, device).tile_rows;
+        assert_eq!(tile_rows(2048, 1024, &DEVICE), 1024);
+        assert_eq!(tile_rows(2048, 1025, &DEVICE), 1024);
+        assert_eq!(tile_rows(16_384, 16_384, &DEVICE), 128);
+        // A device that could hold more is not given more than the host cares to read at once.
+        let wide = DeviceLimits { max_film_bytes: 1 << 32, ..DEVICE };
+        assert_eq!(tile_rows(8192, 8192, &wide), 8192);
+        assert_eq!(tile_rows(16_384, 16_384, &wide), 128);
     }
 }

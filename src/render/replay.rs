@@ -227,7 +227,8 @@ impl<'a> Replay<'a> {
     fn launch(&mut self, count: u32) -> Result<(f64, bool), GpuError> {
         let kernel = kernel_of(self.class);
         // The kernels read the half of the queue that bounce 0 reads.
-        let batch = SampleRange { first_pixel: 0, pixel_count: count, first_sample: 0, sample_count: 1 }.at_bounce(0);
+        let batch = SampleRange { first_pixel: 0, pixel_count: count, first_sample: 0, sample_count: 1, film_pixel: 0 };
+        let batch = batch.at_bounce(0);
         let mut recording = Recording::default();
         recording.dispatch(kernel, self.plan.groups(count), batch);
         self.executor.forget_times();

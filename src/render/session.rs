@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use thiserror::Error;
 
-use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
+use super::plan::{DeviceLimits, Plan, SampleRange, Tile};
 use super::prepare::{PrepareError, PreparedScene};
 use super::settings::{Scheduler, Settings, Sort};
 use super::{megakernel, wavefront};
@@ -23,8 +23,6 @@ use crate::shaders::{self, Access, Edition};
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum RenderError {
-    #[error(transparent)]
-    Plan(#[from] PlanError),
     #[error(transparent)]
     Prepare(#[from] PrepareError),
     #[error(transparent)]
@@ -70,7 +68,7 @@ pub struct Progress {
 /// What a render leaves.
 #[derive(Debug)]
 pub struct Outcome {
-    /// Sums over the samples of each pixel.
+    /// Sums over the samples of each pixel, of as many rows as the statistics say.
     pub film: FilmMoments,
     /// What it cost.
     pub statistics: Statistics,
@@ -79,9 +77,14 @@ pub struct Outcome {
 /// What a render cost.
 #[derive(Debug, Clone)]
 pub struct Statistics {
-    /// Samples of each pixel that were taken.
+    /// Samples of each pixel in the image.
     pub samples: u32,
-    /// Samples over all pixels.
+    /// Rows of the image, from the top, that have samples: all of them, unless a render of several
+    /// tiles was broken off.
+    pub rows: u32,
+    /// Rows of a tile.
+    pub tile_rows: u32,
+    /// Samples that were taken, over all pixels.
     pub sample_count: u64,
     /// Rays from the camera.
     pub camera_rays: u64,
@@ -125,6 +128,9 @@ pub struct SessionOptions {
     pub access: Option<Access>,
     /// Whether kernels count their work, which takes time.
     pub counting: bool,
+    /// Most bytes of film that the device holds at once; `None` is what fits a buffer. The image is
+    /// the same.
+    pub film_bytes: Option<u64>,
 }
 
 impl Statistics {
@@ -180,7 +186,9 @@ impl Session {
         settings: &Settings,
         options: SessionOptions,
     ) -> Result<Self, RenderError> {
-        let plan = Plan::new(settings, scene.bvh.depth, &limits(device))?;
+        let limits = limits(device);
+        let max_film_bytes = options.film_bytes.unwrap_or(limits.max_film_bytes);
+        let plan = Plan::new(settings, scene.bvh.depth, &DeviceLimits { max_film_bytes, ..limits });
         let names = match settings.scheduler {
             Scheduler::Wavefront => wavefront::kernels(settings.sort),
             Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
@@ -194,42 +202,74 @@ impl Session {
         self.executor.pipeline_times()
     }
 
-    /// Renders all samples. `progress` is called after each batch; when it breaks, the samples
-    /// that are begun are finished for every pixel and the render ends there.
+    /// As [`Session::render_tiles`], with the tiles put together.
     ///
     /// # Errors
     /// When the device fails.
-    pub fn render(&mut self, mut progress: impl FnMut(&Progress) -> ControlFlow<()>) -> Result<Outcome, RenderError> {
+    pub fn render(&mut self, progress: impl FnMut(&Progress) -> ControlFlow<()>) -> Result<Outcome, RenderError> {
+        let mut film: Option<FilmMoments> = None;
+        let statistics = self.render_tiles(progress, |tile| match &mut film {
+            None => film = Some(tile),
+            Some(film) => film.append(tile),
+        })?;
+        Ok(Outcome { film: film.expect("a render has a tile"), statistics })
+    }
+
+    /// Renders all samples of one tile after the other, from the top, and hands each to `finished`.
+    /// `progress` is called after each batch. When it breaks, the render ends with the tiles that
+    /// are finished, so that all pixels have equal samples; in the first one, the samples that are
+    /// begun are finished for all of its pixels.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn render_tiles(
+        &mut self,
+        mut progress: impl FnMut(&Progress) -> ControlFlow<()>,
+        mut finished: impl FnMut(FilmMoments),
+    ) -> Result<Statistics, RenderError> {
         self.clear()?;
         let start = Instant::now();
-        let pixels = u64::from(self.plan.pixels);
-        let samples_total = pixels * u64::from(self.settings.samples);
+        let samples_total = self.plan.pixels() * u64::from(self.settings.samples);
         let mut samples_done = 0;
         let mut samples = self.settings.samples;
+        let (mut rows, mut wall_time) = (0, Duration::ZERO);
         let mut stopping = false;
         let mut counted = start;
         let mut rays_per_sample = 1.0;
-        for range in self.plan.batches(0..self.settings.samples) {
-            // An image of equal samples ends where a batch would begin the next ones.
-            if stopping && range.first_pixel == 0 {
-                samples = range.first_sample;
+        'tiles: for tile in self.plan.tiles() {
+            if tile.first_row > 0 {
+                self.executor.clear("film")?;
+            }
+            for range in self.plan.batches(tile, 0..self.settings.samples) {
+                if stopping && rows > 0 {
+                    break 'tiles;
+                }
+                // Equal samples end where a batch would begin the next ones.
+                if stopping && range.film_pixel == 0 {
+                    samples = range.first_sample;
+                    break;
+                }
+                self.render_batch(range)?;
+                samples_done += u64::from(range.pixel_count) * u64::from(range.sample_count);
+                if counted.elapsed() > COUNT_INTERVAL {
+                    let (bounce_rays, shadow_rays) = scattered_rays(&self.ray_counts()?);
+                    let scattered = bounce_rays + shadow_rays;
+                    rays_per_sample = 1.0 + scattered as f64 / samples_done as f64;
+                    counted = Instant::now();
+                }
+                let rays = (samples_done as f64 * rays_per_sample) as u64;
+                let state = Progress { samples_done, samples_total, rays, elapsed: start.elapsed() };
+                stopping |= progress(&state).is_break();
+            }
+            rows += tile.rows;
+            self.executor.wait()?;
+            wall_time = start.elapsed();
+            finished(self.moments(tile, samples)?);
+            if stopping {
                 break;
             }
-            self.render_batch(range)?;
-            samples_done += u64::from(range.pixel_count) * u64::from(range.sample_count);
-            if counted.elapsed() > COUNT_INTERVAL {
-                let (bounce_rays, shadow_rays) = scattered_rays(&self.ray_counts()?);
-                let scattered = bounce_rays + shadow_rays;
-                rays_per_sample = 1.0 + scattered as f64 / samples_done as f64;
-                counted = Instant::now();
-            }
-            let rays = (samples_done as f64 * rays_per_sample) as u64;
-            let state = Progress { samples_done, samples_total, rays, elapsed: start.elapsed() };
-            stopping |= progress(&state).is_break();
         }
-        self.executor.wait()?;
-        let wall_time = start.elapsed();
-        self.outcome(samples, samples_done, wall_time)
+        self.statistics(samples, rows, samples_done, wall_time)
     }
 
     /// Starts the sums and counts anew.
@@ -287,7 +327,30 @@ impl Session {
         Ok(bytemuck::pod_collect_to_vec(&self.executor.read("ray_counts")?))
     }
 
-    fn outcome(&mut self, samples: u32, sample_count: u64, wall_time: Duration) -> Result<Outcome, RenderError> {
+    /// Reads the film of a tile.
+    fn moments(&mut self, tile: Tile, samples: u32) -> Result<FilmMoments, GpuError> {
+        let mut pixels: Vec<FilmPixel> = bytemuck::pod_collect_to_vec(&self.executor.read("film")?);
+        // The last tile may have fewer rows than the buffer.
+        pixels.truncate((tile.rows * self.plan.width) as usize);
+        let total = |value: [f32; 4], compensation: [f32; 4]| {
+            DVec3::from_array(std::array::from_fn(|i| f64::from(value[i]) + f64::from(compensation[i])))
+        };
+        Ok(FilmMoments {
+            width: self.plan.width,
+            height: tile.rows,
+            samples: u64::from(samples),
+            sum: pixels.iter().map(|p| total(p.sum, p.sum_compensation)).collect(),
+            sum_of_squares: pixels.iter().map(|p| total(p.squares, p.squares_compensation)).collect(),
+        })
+    }
+
+    fn statistics(
+        &mut self,
+        samples: u32,
+        rows: u32,
+        sample_count: u64,
+        wall_time: Duration,
+    ) -> Result<Statistics, RenderError> {
         let control = self.control()?;
         if control.cut_loops != 0 {
             return Err(RenderError::CutLoops);
@@ -298,8 +361,10 @@ impl Session {
             true => bytemuck::pod_collect_to_vec(&self.executor.read("work_counts")?),
             false => Vec::new(),
         };
-        let statistics = Statistics {
+        Ok(Statistics {
             samples,
+            rows,
+            tile_rows: self.plan.tile_rows,
             sample_count,
             camera_rays: sample_count,
             bounce_rays,
@@ -316,19 +381,7 @@ impl Session {
             bvh: self.bvh,
             texel_fetch: self.executor.access().texel_fetch,
             work_counts,
-        };
-        let pixels: Vec<FilmPixel> = bytemuck::pod_collect_to_vec(&self.executor.read("film")?);
-        let total = |value: [f32; 4], compensation: [f32; 4]| {
-            DVec3::from_array(std::array::from_fn(|i| f64::from(value[i]) + f64::from(compensation[i])))
-        };
-        let film = FilmMoments {
-            width: self.settings.width,
-            height: self.settings.height,
-            samples: u64::from(samples),
-            sum: pixels.iter().map(|p| total(p.sum, p.sum_compensation)).collect(),
-            sum_of_squares: pixels.iter().map(|p| total(p.squares, p.squares_compensation)).collect(),
-        };
-        Ok(Outcome { film, statistics })
+        })
     }
 }
 
@@ -339,6 +392,7 @@ pub(super) fn limits(device: &Device) -> DeviceLimits {
         max_workgroup_size: description.max_workgroup_size,
         max_workgroups: description.max_workgroups,
         max_storage_buffer_bytes: description.max_storage_buffer_bytes,
+        max_film_bytes: description.max_storage_buffer_bytes,
         software: description.kind == DeviceKind::Cpu,
     }
 }
@@ -427,7 +481,7 @@ fn path_buffers<'a>(plan: &Plan, sort: Sort, stack_bytes: u64) -> impl Iterator<
         state("bins", size_of::<Bins>() as u64),
         state("work_counts", u64::from(STAGES * COUNTED_BOUNCES) * size_of::<WorkCount>() as u64),
         state("ray_counts", u64::from(COUNTED_BOUNCES) * size_of::<RayCount>() as u64),
-        state("film", u64::from(plan.pixels) * size_of::<FilmPixel>() as u64),
+        state("film", plan.film_bytes()),
     ]
     .into_iter()
 }

@@ -5,6 +5,7 @@ use thiserror::Error;
 
 use crate::bvh::{BvhKind, MAX_LISTED};
 use crate::constants::MATERIAL_BINS;
+use crate::film::MAX_PIXELS;
 use crate::scene::{Integrator, Scene};
 
 /// Most samples of a pixel: the film's sums are tested up to here.
@@ -17,6 +18,11 @@ pub const MAX_MATERIAL_BRANCHES: u32 = MATERIAL_BINS - 1;
 #[derive(Debug, Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum SettingsError {
+    #[error(
+        "an image of {width}x{height} has {} pixels and {MAX_PIXELS} is the most; use a smaller --width or --height",
+        u64::from(*width) * u64::from(*height)
+    )]
+    TooManyPixels { width: u32, height: u32 },
     #[error(
         "{0} samples per pixel are asked for and {MAX_SAMPLES} is the most; use several renders of other --seed and average them"
     )]
@@ -34,7 +40,7 @@ pub enum SettingsError {
 pub struct Settings {
     /// Image width in pixels, at least 1.
     pub width: u32,
-    /// Image height in pixels, at least 1.
+    /// Image height in pixels, at least 1; with the width at most [`MAX_PIXELS`] pixels.
     pub height: u32,
     /// Samples per pixel, at least 1.
     pub samples: u32,
@@ -130,6 +136,10 @@ impl Settings {
     /// # Errors
     /// Says which does not.
     pub fn validate(&self) -> Result<(), SettingsError> {
+        let (width, height) = (self.width, self.height);
+        if u64::from(width) * u64::from(height) > MAX_PIXELS {
+            return Err(SettingsError::TooManyPixels { width, height });
+        }
         if self.samples > MAX_SAMPLES {
             return Err(SettingsError::TooManySamples(self.samples));
         }

@@ -45,7 +45,14 @@ impl Bench {
         let kernel = PROBES.iter().find(|kernel| kernel.name == name).expect("tests name probes that exist");
         let workgroup_size = self.device.description().max_workgroup_size.min(256);
         let items = inputs.len() as u32;
-        let plan = Plan { pixels: items, path_capacity: items, workgroup_size, paths_per_invocation: 1 };
+        let plan = Plan {
+            width: items,
+            height: 1,
+            tile_rows: 1,
+            path_capacity: items,
+            workgroup_size,
+            paths_per_invocation: 1,
+        };
         let frame = self.scene.frame(&self.settings, items);
         let state = |name, size, contents| BufferRole { name, usage: BufferUse::State, size, contents };
         let input_bytes = bytemuck::cast_slice(inputs);
@@ -63,7 +70,8 @@ impl Bench {
             edition: Edition::Exact,
         };
         let mut executor = Executor::new(&self.device, description).expect("the probe is built");
-        let batch = Batch { first_pixel: 0, pixel_count: items, first_sample: 0, sample_count: 1, bounce: 0 };
+        let batch =
+            Batch { first_pixel: 0, pixel_count: items, first_sample: 0, sample_count: 1, bounce: 0, film_pixel: 0 };
         let mut recording = Recording::default();
         recording.dispatch(kernel.name, items.div_ceil(workgroup_size), batch);
         executor.submit(&recording).expect("the probe runs");
