@@ -72,6 +72,8 @@ shared_constants! {
     ENVIRONMENT_CONSTANT = 1;
     /// A lat-long image.
     ENVIRONMENT_LAT_LONG = 2;
+    /// Any of them: kernels ask the frame which.
+    ENVIRONMENT_ANY = 3;
 
     /// Only BRDF sampling finds light.
     INTEGRATOR_IMPLICIT = 0;
@@ -117,4 +119,14 @@ shared_constants! {
     SPEC_REGENERATES = 16;
     /// Children of a BVH node: 2, 4 or 8.
     SPEC_BVH_WIDTH = 17;
+    /// Whether some material has a diffuse or Phong part.
+    SPEC_HAS_GLOSSY = 18;
+    /// Whether paths scatter at all: `max_bounces` is not 0.
+    SPEC_SCATTERS = 19;
+    /// Whether paths end at `max_bounces`.
+    SPEC_BOUNDED = 20;
+    /// Whether vertices may send shadow rays.
+    SPEC_CASTS_SHADOWS = 21;
+    /// Specialization constants.
+    SPEC_COUNT = 22;
 }

@@ -181,7 +181,7 @@ fn warps_follow_their_densities() {
                 family.square(points, format!("{name} {exponent} about {axis}"));
             };
             lobe("sample_cosine", 1.0, |answer| answer.cosine);
-            lobe("sample_cosine_power", exponent, |answer| answer.cosine_power);
+            lobe("cosine_power_of", exponent, |answer| answer.cosine_power);
 
             let disk = answers.iter().map(|answer| {
                 let p = DVec2::from(answer.disk.map(f64::from));

@@ -239,6 +239,7 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("sort", "none") => settings.sort = Sort::None,
             ("sort", "material") => settings.sort = Sort::Material,
             ("fast-math", _) => settings.fast_math = level == "on",
+            ("specialize", _) => settings.specialize = level == "on",
             ("shading-cost", _) => settings.shading_cost = count()?,
             ("materials", _) => settings.material_branches = count()?,
             _ => bail!("{factor}={level} is nothing that the renderer can vary"),

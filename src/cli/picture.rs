@@ -62,6 +62,18 @@ pub struct PictureArguments {
     /// Let the driver fuse and reorder arithmetic: images are no longer equal to the last bit
     #[arg(long)]
     fast_math: bool,
+    /// Whether kernels and buffers are made for what the scene needs, or for any scene; the image is the same
+    #[arg(long, default_value = "on")]
+    specialize: Switch,
+}
+
+/// Whether a thing is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Switch {
+    /// It is not
+    Off,
+    /// It is
+    On,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -133,6 +145,7 @@ impl PictureArguments {
             },
             paths_per_invocation: self.paths_per_invocation,
             fast_math: self.fast_math,
+            specialize: self.specialize == Switch::On,
         };
         settings.validate()?;
         Ok(settings)

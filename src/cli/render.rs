@@ -136,6 +136,7 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "sort": sort_name(settings.sort),
         "paths_per_invocation": statistics.paths_per_invocation,
         "fast_math": settings.fast_math,
+        "specialize": settings.specialize,
         "paths_in_flight": statistics.paths_in_flight,
         "workgroup_size_invocations": statistics.workgroup_size,
         "bvh": bvh_name(statistics.bvh),

@@ -15,7 +15,7 @@ mod wavefront;
 
 pub use dump::QueuedRays;
 pub use plan::{Plan, PlanError, SampleRange};
-pub use prepare::{Features, Normalisation, PrepareError, PreparedScene};
+pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene};
 pub use replay::{Replay, ReplayOutcome};
 pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
 pub use settings::{MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Scheduler, Settings, SettingsError, Sort};

@@ -189,6 +189,7 @@ mod tests {
             sort: Sort::None,
             paths_per_invocation: None,
             fast_math: false,
+            specialize: true,
         }
     }
 

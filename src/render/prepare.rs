@@ -1,5 +1,7 @@
 //! The scene as the kernels read it: normalised, in leaf order, with only what it requires.
 
+use std::collections::HashSet;
+
 use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
@@ -58,13 +60,15 @@ pub struct PreparedScene {
     frame: Frame,
 }
 
-/// What a scene needs: all else is left out of its kernels.
+/// What a scene needs: all else is left out of its kernels. Materials count where a triangle has them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Features {
     /// One of `ENVIRONMENT_*`.
     pub environment: u32,
     /// Some triangle emits.
     pub lights: bool,
+    /// Some material has a diffuse or Phong part.
+    pub glossy: bool,
     /// Some material has a Phong lobe.
     pub phong: bool,
     /// Some material is a mirror.
@@ -80,6 +84,80 @@ pub struct Features {
     /// The camera has a lens.
     pub lens: bool,
 }
+
+impl Features {
+    /// Every one.
+    pub const ALL: Self = Self {
+        environment: ENVIRONMENT_ANY,
+        lights: true,
+        glossy: true,
+        phong: true,
+        mirror: true,
+        refractive: true,
+        dielectric: true,
+        textures: true,
+        normals: true,
+        lens: true,
+    };
+
+    fn of(scene: &Scene) -> Self {
+        let used = used_materials(scene);
+        let any = |test: &dyn Fn(&scene::Material) -> bool| {
+            scene.materials.iter().zip(&used).any(|(material, used)| *used && test(material))
+        };
+        let is = |surface| any(&|m| !m.is_emitter() && m.surface == surface);
+        Self {
+            environment: match scene.environment {
+                Environment::Black => ENVIRONMENT_BLACK,
+                Environment::Constant(_) => ENVIRONMENT_CONSTANT,
+                Environment::LatLong(_) => ENVIRONMENT_LAT_LONG,
+            },
+            lights: any(&|m| m.is_emitter()),
+            glossy: is(Surface::Glossy),
+            phong: any(&|m| !m.is_emitter() && m.surface == Surface::Glossy && m.ks.max_element() > 0.0),
+            mirror: is(Surface::Mirror),
+            refractive: is(Surface::Refractive),
+            dielectric: is(Surface::Dielectric),
+            // A lamp shows no texture.
+            textures: any(&|m| !m.is_emitter() && m.map_kd.is_some()),
+            normals: scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE),
+            lens: scene.camera.aperture > 0.0,
+        }
+    }
+
+    fn scatters(&self) -> bool {
+        self.glossy || self.mirror || self.refractive || self.dielectric
+    }
+}
+
+/// Whether some triangle has a material, for each.
+fn used_materials(scene: &Scene) -> Vec<bool> {
+    let mut used = vec![false; scene.materials.len()];
+    for triangle in &scene.mesh.triangles {
+        used[triangle.material as usize] = true;
+    }
+    used
+}
+
+/// What a render needs of its kernels: features of the scene, and of the settings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Needs {
+    /// What the scene has.
+    pub features: Features,
+    /// Paths go on from surfaces.
+    pub scatters: bool,
+    /// Paths end at a bounce.
+    pub bounded: bool,
+    /// Paths may end at any vertex.
+    pub roulette: bool,
+    /// Vertices send shadow rays.
+    pub shadows: bool,
+    /// Entries of the traversal stack.
+    pub stack_size: u32,
+}
+
+/// Entries of the traversal stack of kernels that know nothing of the BVH's depth: it is rarely above.
+const ANY_STACK_SIZE: u32 = 64;
 
 /// From world to normalised space: bounds to [-1, 1]³, by a power of two so that it is exact.
 #[derive(Debug, Clone, Copy)]
@@ -144,34 +222,16 @@ impl PreparedScene {
             .collect();
         let (lights, light_area) = lights_of(scene, &bvh, &corners)?;
 
-        let has_textures = scene.materials.iter().any(|material| material.map_kd.is_some());
-        let (textures, headers) = if has_textures { pack_textures(&scene.textures) } else { Default::default() };
+        let features = Features::of(scene);
+        let (textures, headers) = if features.textures { pack_textures(scene) } else { Default::default() };
         let (environment, environment_aliases) = match &scene.environment {
             Environment::LatLong(map) => pack_environment(map)?,
             Environment::Black | Environment::Constant(_) => Default::default(),
         };
-        let is = |surface| scene.materials.iter().any(|m| !m.is_emitter() && m.surface == surface);
-        let features = Features {
-            environment: match scene.environment {
-                Environment::Black => ENVIRONMENT_BLACK,
-                Environment::Constant(_) => ENVIRONMENT_CONSTANT,
-                Environment::LatLong(_) => ENVIRONMENT_LAT_LONG,
-            },
-            lights: !lights.is_empty(),
-            phong: scene
-                .materials
-                .iter()
-                .any(|m| !m.is_emitter() && m.surface == Surface::Glossy && m.ks.max_element() > 0.0),
-            mirror: is(Surface::Mirror),
-            refractive: is(Surface::Refractive),
-            dielectric: is(Surface::Dielectric),
-            textures: has_textures,
-            normals: mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE),
-            lens: scene.camera.aperture > 0.0,
-        };
         let mut frame = camera_frame(&scene.camera, &normalisation);
         frame.light_count = lights.len() as u32;
         frame.light_area = light_area as f32;
+        frame.environment = features.environment;
         match &scene.environment {
             Environment::Constant(radiance) => frame.environment_radiance = radiance.to_array(),
             Environment::LatLong(map) => {
@@ -185,7 +245,7 @@ impl PreparedScene {
             materials: scene.materials.iter().map(|m| pack_material(m, &headers)).collect(),
             lights,
             normals: if features.normals { pack_normals(mesh) } else { Vec::new() },
-            texture_coordinates: if has_textures { pack_coordinates(mesh) } else { Vec::new() },
+            texture_coordinates: if features.textures { pack_coordinates(mesh) } else { Vec::new() },
             textures,
             environment,
             environment_aliases,
@@ -214,27 +274,47 @@ impl PreparedScene {
 
     /// Entries of the traversal stack: each inner node on the way down leaves one at most. Of a wide
     /// tree it is the siblings of the node that comes next, and the last level has none.
-    pub fn stack_size(&self) -> u32 {
+    fn stack_size(&self) -> u32 {
         match self.bvh.kind {
             BvhKind::Bvh2 => self.bvh.depth,
             BvhKind::Bvh4 | BvhKind::Cwbvh => self.bvh.depth - 1,
         }
     }
 
-    /// Bytes of the traversal stacks of `paths` at once, beyond what stays in registers.
-    pub fn stack_bytes(&self, paths: u32) -> u64 {
-        let blocks = self.stack_size().saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK);
-        u64::from(blocks) * u64::from(paths) * u64::from(4 * STACK_BLOCK)
+    /// What the kernels of a render are built for: what it needs or, without specialization, all there is.
+    pub fn needs(&self, settings: &Settings) -> Needs {
+        if !settings.specialize {
+            return Needs {
+                features: Features::ALL,
+                scatters: true,
+                bounded: true,
+                roulette: true,
+                shadows: true,
+                stack_size: self.stack_size().max(ANY_STACK_SIZE),
+            };
+        }
+        let features = self.features;
+        let scatters = features.scatters() && settings.max_bounces != Some(0);
+        let lit = features.lights || features.environment != ENVIRONMENT_BLACK;
+        Needs {
+            features,
+            scatters,
+            bounded: settings.max_bounces.is_some(),
+            roulette: settings.roulette > 0.0,
+            shadows: scatters && features.glossy && lit && settings.integrator == Integrator::Explicit,
+            stack_size: self.stack_size(),
+        }
     }
 
     /// Specialization constants by id.
     pub fn specialization(&self, settings: &Settings, plan: &Plan) -> Vec<u32> {
-        let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
-            self.features;
-        let mut constants = vec![0; SPEC_BVH_WIDTH as usize + 1];
+        let Needs { features, scatters, bounded, roulette, shadows, stack_size } = self.needs(settings);
+        let Features { environment, lights, glossy, phong, mirror, refractive, dielectric, textures, normals, lens } =
+            features;
+        let mut constants = vec![0; SPEC_COUNT as usize];
         for (id, value) in [
             (SPEC_WORKGROUP_SIZE, plan.workgroup_size),
-            (SPEC_STACK_SIZE, self.stack_size()),
+            (SPEC_STACK_SIZE, stack_size),
             (
                 SPEC_INTEGRATOR,
                 match settings.integrator {
@@ -251,7 +331,11 @@ impl PreparedScene {
             (SPEC_HAS_TEXTURES, textures.into()),
             (SPEC_HAS_NORMALS, normals.into()),
             (SPEC_HAS_LENS, lens.into()),
-            (SPEC_HAS_ROULETTE, (settings.roulette > 0.0).into()),
+            (SPEC_HAS_ROULETTE, roulette.into()),
+            (SPEC_HAS_GLOSSY, glossy.into()),
+            (SPEC_SCATTERS, scatters.into()),
+            (SPEC_BOUNDED, bounded.into()),
+            (SPEC_CASTS_SHADOWS, shadows.into()),
             (SPEC_SHADING_COST, settings.shading_cost),
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
@@ -261,6 +345,14 @@ impl PreparedScene {
             constants[id as usize] = value;
         }
         constants
+    }
+}
+
+impl Needs {
+    /// Bytes of the traversal stacks of `paths` at once, beyond what stays in registers.
+    pub fn stack_bytes(&self, paths: u32) -> u64 {
+        let blocks = self.stack_size.saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK);
+        u64::from(blocks) * u64::from(paths) * u64::from(4 * STACK_BLOCK)
     }
 }
 
@@ -372,14 +464,19 @@ fn pack_coordinates(mesh: &scene::Mesh) -> Vec<Vec2> {
     mesh.triangles.iter().flat_map(|triangle| triangle.uvs.iter().map(corner).collect::<Vec<_>>()).collect()
 }
 
-/// All images in one buffer, and where each begins.
-fn pack_textures(textures: &[scene::Texture]) -> (Vec<[u32; 2]>, Vec<u32>) {
+/// All images that some triangle shows in one buffer, and where each begins.
+fn pack_textures(scene: &Scene) -> (Vec<[u32; 2]>, Vec<u32>) {
+    let shown: HashSet<u32> = (scene.materials.iter().zip(used_materials(scene)))
+        .filter_map(|(material, used)| material.map_kd.filter(|_| used))
+        .collect();
     let mut words = Vec::new();
     let mut headers = Vec::new();
-    for texture in textures {
+    for (texture, number) in scene.textures.iter().zip(0..) {
         headers.push(words.len() as u32);
-        words.push([texture.width, texture.height]);
-        words.extend(bytemuck::cast_slice::<_, [u32; 2]>(&texture.texels));
+        if shown.contains(&number) {
+            words.push([texture.width, texture.height]);
+            words.extend(bytemuck::cast_slice::<_, [u32; 2]>(&texture.texels));
+        }
     }
     (words, headers)
 }

@@ -112,7 +112,7 @@ impl<'a> Replay<'a> {
         options: SessionOptions,
     ) -> Result<Self, RenderError> {
         let total = rays.len() as u64 * u64::from(repeat);
-        let plan = Plan::of_replay(settings, &limits(device), total, scene.stack_bytes(1));
+        let plan = Plan::of_replay(settings, &limits(device), total, scene.needs(settings).stack_bytes(1));
         let mut executor = open_executor(device, scene, settings, &plan, &[kernel_of(class)], options)?;
         // A ray lies in the slot of its number.
         let slots = 0..plan.path_capacity;

@@ -8,7 +8,7 @@ use glam::DVec3;
 use thiserror::Error;
 
 use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
-use super::prepare::{PrepareError, PreparedScene};
+use super::prepare::{Needs, PrepareError, PreparedScene};
 use super::settings::{Scheduler, Settings, Sort};
 use super::{megakernel, wavefront};
 use crate::bvh::BvhKind;
@@ -157,6 +157,8 @@ pub struct Session {
     pub(super) executor: Executor,
     pub(super) plan: Plan,
     pub(super) settings: Settings,
+    /// Whether vertices send shadow rays.
+    pub(super) shadows: bool,
     bvh: BvhKind,
     counting: bool,
 }
@@ -182,11 +184,12 @@ impl Session {
     ) -> Result<Self, RenderError> {
         let plan = Plan::new(settings, scene.bvh.depth, &limits(device))?;
         let names = match settings.scheduler {
-            Scheduler::Wavefront => wavefront::kernels(settings.sort),
+            Scheduler::Wavefront => wavefront::kernels(settings.sort, scene.needs(settings).shadows),
             Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
         };
         let executor = open_executor(device, scene, settings, &plan, &names, options)?;
-        Ok(Self { executor, plan, settings: *settings, bvh: scene.bvh.kind, counting: options.counting })
+        let shadows = scene.needs(settings).shadows;
+        Ok(Self { executor, plan, settings: *settings, shadows, bvh: scene.bvh.kind, counting: options.counting })
     }
 
     /// Time that the driver took to build each kernel, by name.
@@ -265,7 +268,7 @@ impl Session {
         let mut bounce = 0;
         loop {
             let end = vertices.min(bounce + BOUNCES_AT_ONCE);
-            wavefront::advance(&mut recording, self.settings.sort, range, bounce..end);
+            wavefront::advance(&mut recording, self.settings.sort, self.shadows, range, bounce..end);
             bounce = end;
             if bounce == vertices {
                 break;
@@ -364,9 +367,8 @@ pub(super) fn open_executor(
         ExecutorDescription {
             kernels: &kernels,
             specialization: &scene.specialization(settings, plan),
-            buffers: scene_buffers(scene, &frame)
-                .chain(path_buffers(plan, settings.sort, scene.stack_bytes(plan.path_capacity)))
-                .filter(|buffer| kernels.iter().any(|kernel| kernel.binds(edition, buffer.name)))
+            buffers: scene_buffers(scene, settings, &frame)
+                .chain(path_buffers(plan, settings.sort, &scene.needs(settings)))
                 .collect(),
             access: options.access,
             edition,
@@ -379,26 +381,32 @@ fn scattered_rays(counts: &[RayCount]) -> (u64, u64) {
     (counts.iter().skip(1).map(RayCount::rays).sum(), counts.iter().map(RayCount::shadow_rays).sum())
 }
 
-/// Buffers that the scene fills. A buffer that the scene does not need is one zero record: the
-/// kernels that could read it leave that code out.
-pub fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterator<Item = BufferRole<'a>> {
+/// Buffers that the scene fills. What the scene has no data for is zeros, of the size that it would
+/// have if each triangle had some: only kernels that are not specialized bind it.
+pub fn scene_buffers<'a>(
+    scene: &'a PreparedScene,
+    settings: &Settings,
+    frame: &'a Frame,
+) -> impl Iterator<Item = BufferRole<'a>> {
+    let triangles = if settings.specialize { 1 } else { scene.triangles.len() as u64 };
     let bytes = bytemuck::cast_slice::<Frame, u8>(std::slice::from_ref(frame));
     let uniform =
         BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
-    let data = |name, texel_bytes, contents: &'a [u8]| BufferRole {
+    let sized = |name, texel_bytes, contents: &'a [u8], least| BufferRole {
         name,
         usage: BufferUse::Scene { texel_bytes },
-        size: (contents.len() as u64).max(texel_bytes),
+        size: (contents.len() as u64).max(least),
         contents: (!contents.is_empty()).then_some(contents),
     };
+    let data = |name, texel_bytes, contents| sized(name, texel_bytes, contents, texel_bytes);
     [
         uniform,
         data("nodes", 16, bytemuck::cast_slice(&scene.bvh.texels)),
         data("triangles", 16, bytemuck::cast_slice(&scene.triangles)),
         data("materials", 16, bytemuck::cast_slice(&scene.materials)),
         data("lights", 16, bytemuck::cast_slice(&scene.lights)),
-        data("normals", 16, bytemuck::cast_slice(&scene.normals)),
-        data("texture_coordinates", 8, bytemuck::cast_slice(&scene.texture_coordinates)),
+        sized("normals", 16, bytemuck::cast_slice(&scene.normals), 16 * triangles),
+        sized("texture_coordinates", 8, bytemuck::cast_slice(&scene.texture_coordinates), 3 * 8 * triangles),
         data("textures", 8, bytemuck::cast_slice(&scene.textures)),
         data("environment", 16, bytemuck::cast_slice(&scene.environment)),
         data("environment_aliases", 8, bytemuck::cast_slice(&scene.environment_aliases)),
@@ -407,13 +415,15 @@ pub fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Ite
 }
 
 /// Buffers of the paths in flight and of the film.
-fn path_buffers<'a>(plan: &Plan, sort: Sort, stack_bytes: u64) -> impl Iterator<Item = BufferRole<'a>> {
+fn path_buffers<'a>(plan: &Plan, sort: Sort, needs: &Needs) -> impl Iterator<Item = BufferRole<'a>> {
     let slots = u64::from(plan.path_capacity);
     let sorted_slots = if sort == Sort::None { 1 } else { slots };
+    // Paths that go on nowhere need no second half.
+    let halves = if needs.scatters { 2 } else { 1 };
     let state = |name, size| BufferRole { name, usage: BufferUse::State, size, contents: None };
     [
         state("control", size_of::<Control>() as u64),
-        state("ray_queue", 2 * 4 * slots),
+        state("ray_queue", halves * 4 * slots),
         state("ray_origins", 16 * slots),
         state("ray_directions", 16 * slots),
         state("throughputs", 16 * slots),
@@ -422,7 +432,7 @@ fn path_buffers<'a>(plan: &Plan, sort: Sort, stack_bytes: u64) -> impl Iterator<
         state("shadow_origins", 16 * slots),
         state("shadow_directions", 16 * slots),
         state("shadow_radiances", 16 * slots),
-        state("stack_blocks", stack_bytes.max(16)),
+        state("stack_blocks", needs.stack_bytes(plan.path_capacity).max(16)),
         state("sorted_rays", 4 * sorted_slots),
         state("bins", size_of::<Bins>() as u64),
         state("work_counts", u64::from(STAGES * COUNTED_BOUNCES) * size_of::<WorkCount>() as u64),

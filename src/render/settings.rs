@@ -70,6 +70,9 @@ pub struct Settings {
     /// Whether the driver may fuse and reorder arithmetic. The image is then no longer the same to
     /// the last bit between schedulers.
     pub fast_math: bool,
+    /// Whether kernels and buffers are for this scene alone. Without, they are for any, and the image
+    /// is the same.
+    pub specialize: bool,
 }
 
 /// The order in which the wavefront shades.
@@ -110,6 +113,7 @@ impl Settings {
             sort: Sort::None,
             paths_per_invocation: None,
             fast_math: false,
+            specialize: true,
         }
     }
 

@@ -87,6 +87,12 @@ pub const FACTORS: &[FactorKind] = &[
         meaning: "order of shading",
     },
     FactorKind {
+        name: "specialize",
+        role: Role::Schedule,
+        levels: Levels::Named(&["off", "on"]),
+        meaning: "kernels and buffers for this scene alone",
+    },
+    FactorKind {
         name: "fast-math",
         role: Role::Estimator,
         levels: Levels::Named(&["off", "on"]),

@@ -53,12 +53,12 @@ impl Bench {
         let probe_buffers = [
             state("probe_inputs", input_bytes.len() as u64, Some(input_bytes)),
             state("probe_outputs", output_size as u64, None),
-            state("stack_blocks", self.scene.stack_bytes(items).max(16), None),
+            state("stack_blocks", self.scene.needs(&self.settings).stack_bytes(items).max(16), None),
         ];
         let description = ExecutorDescription {
             kernels: &[kernel],
             specialization: &self.scene.specialization(&self.settings, &plan),
-            buffers: scene_buffers(&self.scene, &frame).chain(probe_buffers).collect(),
+            buffers: scene_buffers(&self.scene, &self.settings, &frame).chain(probe_buffers).collect(),
             access: self.access,
             edition: Edition::Exact,
         };
