@@ -10,7 +10,7 @@ use super::settings::{Settings, Sort};
 use crate::alias::alias_table;
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
-use crate::layout::{self, AliasCell, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
+use crate::layout::{AliasCell, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
 use crate::scene::{self, Environment, EnvironmentMap, Integrator, Scene, Surface};
 
 /// A scene that the kernels cannot hold.
@@ -283,32 +283,47 @@ impl PreparedScene {
 
     /// What the kernels of a render are built for: what it needs or, without specialization, all there is.
     pub fn needs(&self, settings: &Settings) -> Needs {
-        if !settings.specialize {
-            return Needs {
-                features: Features::ALL,
-                scatters: true,
-                bounded: true,
-                roulette: true,
-                shadows: true,
-                stack_size: self.stack_size().max(ANY_STACK_SIZE),
-            };
-        }
-        let features = self.features;
-        let scatters = features.scatters() && settings.max_bounces != Some(0);
-        let lit = features.lights || features.environment != ENVIRONMENT_BLACK;
-        Needs {
-            features,
-            scatters,
-            bounded: settings.max_bounces.is_some(),
-            roulette: settings.roulette > 0.0,
-            shadows: scatters && features.glossy && lit && settings.integrator == Integrator::Explicit,
-            stack_size: self.stack_size(),
+        if settings.specialize {
+            Needs::of(self.features, settings, self.stack_size())
+        } else {
+            Needs { stack_size: self.stack_size().max(ANY_STACK_SIZE), ..Needs::ALL }
         }
     }
 
     /// Specialization constants by id.
     pub fn specialization(&self, settings: &Settings, plan: &Plan) -> Vec<u32> {
-        let Needs { features, scatters, bounded, roulette, shadows, stack_size } = self.needs(settings);
+        self.needs(settings).specialization(settings, plan, self.bvh.kind)
+    }
+}
+
+impl Needs {
+    /// Everything, but for the depth of a BVH.
+    pub const ALL: Self = Self {
+        features: Features::ALL,
+        scatters: true,
+        bounded: true,
+        roulette: true,
+        shadows: true,
+        stack_size: ANY_STACK_SIZE,
+    };
+
+    /// What a render needs of a scene of such features, whose BVH asks for such a stack.
+    pub fn of(features: Features, settings: &Settings, stack_size: u32) -> Self {
+        let scatters = features.scatters() && settings.max_bounces != Some(0);
+        let lit = features.lights || features.environment != ENVIRONMENT_BLACK;
+        Self {
+            features,
+            scatters,
+            bounded: settings.max_bounces.is_some(),
+            roulette: settings.roulette > 0.0,
+            shadows: scatters && features.glossy && lit && settings.integrator == Integrator::Explicit,
+            stack_size,
+        }
+    }
+
+    /// Specialization constants by id.
+    pub fn specialization(&self, settings: &Settings, plan: &Plan, bvh: BvhKind) -> Vec<u32> {
+        let Self { features, scatters, bounded, roulette, shadows, stack_size } = *self;
         let Features { environment, lights, glossy, phong, mirror, refractive, dielectric, textures, normals, lens } =
             features;
         let mut constants = vec![0; SPEC_COUNT as usize];
@@ -339,16 +354,14 @@ impl PreparedScene {
             (SPEC_SHADING_COST, settings.shading_cost),
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
-            (SPEC_BVH_WIDTH, self.bvh.kind.width()),
+            (SPEC_BVH_WIDTH, bvh.width()),
             (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
         ] {
             constants[id as usize] = value;
         }
         constants
     }
-}
 
-impl Needs {
     /// Bytes of the traversal stacks of `paths` at once, beyond what stays in registers.
     pub fn stack_bytes(&self, paths: u32) -> u64 {
         let blocks = self.stack_size.saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK);
@@ -519,20 +532,37 @@ fn pack_environment(map: &EnvironmentMap) -> Result<(Vec<EnvironmentTexel>, Vec<
     Ok((texels, alias_table(&weights)))
 }
 
+/// Data of a scene for a buffer of its name on the device.
+#[derive(Debug, Clone, Copy)]
+pub struct SceneBuffer<'a> {
+    /// Name of the GLSL variable.
+    pub name: &'static str,
+    /// Bytes of the words that kernels read: 8 or 16.
+    pub texel_bytes: u64,
+    /// Its contents; without any it is zeros.
+    pub contents: &'a [u8],
+    /// Bytes, at least a word.
+    pub size: u64,
+}
+
 impl PreparedScene {
-    /// Bytes of the scene's buffers on the device, by role; empty ones are left out.
-    pub fn buffer_bytes(&self) -> Vec<(&'static str, u64)> {
-        let all: [(&'static str, usize); 9] = [
-            ("nodes", size_of_val(&self.bvh.texels[..])),
-            ("triangles", size_of_val(&self.triangles[..])),
-            ("materials", size_of_val(&self.materials[..])),
-            ("lights", size_of_val(&self.lights[..])),
-            ("normals", size_of_val(&self.normals[..])),
-            ("texture_coordinates", size_of_val(&self.texture_coordinates[..])),
-            ("textures", size_of_val(&self.textures[..])),
-            ("environment", size_of_val(&self.environment[..])),
-            ("environment_aliases", size_of_val::<[layout::AliasCell]>(&self.environment_aliases)),
-        ];
-        all.into_iter().filter(|(_, bytes)| *bytes > 0).map(|(name, bytes)| (name, bytes as u64)).collect()
+    /// The scene's buffers. What the scene has no data for is one word or, without specialization, as
+    /// long as if each triangle had some.
+    pub fn buffers(&self, specialize: bool) -> [SceneBuffer<'_>; 9] {
+        let triangles = if specialize { 1 } else { self.triangles.len() as u64 };
+        fn buffer<'a>(name: &'static str, texel_bytes: u64, contents: &'a [u8], least: u64) -> SceneBuffer<'a> {
+            SceneBuffer { name, texel_bytes, contents, size: (contents.len() as u64).max(least) }
+        }
+        [
+            buffer("nodes", 16, bytemuck::cast_slice(&self.bvh.texels), 16),
+            buffer("triangles", 16, bytemuck::cast_slice(&self.triangles), 16),
+            buffer("materials", 16, bytemuck::cast_slice(&self.materials), 16),
+            buffer("lights", 16, bytemuck::cast_slice(&self.lights), 16),
+            buffer("normals", 16, bytemuck::cast_slice(&self.normals), 16 * triangles),
+            buffer("texture_coordinates", 8, bytemuck::cast_slice(&self.texture_coordinates), 3 * 8 * triangles),
+            buffer("textures", 8, bytemuck::cast_slice(&self.textures), 8),
+            buffer("environment", 16, bytemuck::cast_slice(&self.environment), 16),
+            buffer("environment_aliases", 8, bytemuck::cast_slice(&self.environment_aliases), 8),
+        ]
     }
 }

@@ -8,7 +8,7 @@ use glam::DVec3;
 use thiserror::Error;
 
 use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
-use super::prepare::{Needs, PrepareError, PreparedScene};
+use super::prepare::{Needs, PrepareError, PreparedScene, SceneBuffer};
 use super::settings::{Scheduler, Settings, Sort};
 use super::{megakernel, wavefront};
 use crate::bvh::BvhKind;
@@ -183,10 +183,7 @@ impl Session {
         options: SessionOptions,
     ) -> Result<Self, RenderError> {
         let plan = Plan::new(settings, scene.bvh.depth, &limits(device))?;
-        let names = match settings.scheduler {
-            Scheduler::Wavefront => wavefront::kernels(settings.sort, scene.needs(settings).shadows),
-            Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
-        };
+        let names = kernels(settings, &scene.needs(settings));
         let executor = open_executor(device, scene, settings, &plan, &names, options)?;
         let shadows = scene.needs(settings).shadows;
         Ok(Self { executor, plan, settings: *settings, shadows, bvh: scene.bvh.kind, counting: options.counting })
@@ -335,6 +332,14 @@ impl Session {
     }
 }
 
+/// Kernels of a render.
+pub(super) fn kernels(settings: &Settings, needs: &Needs) -> Vec<&'static str> {
+    match settings.scheduler {
+        Scheduler::Wavefront => wavefront::kernels(settings.sort, needs.shadows),
+        Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
+    }
+}
+
 /// What a plan must know of a device.
 pub(super) fn limits(device: &Device) -> DeviceLimits {
     let description = device.description();
@@ -381,63 +386,54 @@ fn scattered_rays(counts: &[RayCount]) -> (u64, u64) {
     (counts.iter().skip(1).map(RayCount::rays).sum(), counts.iter().map(RayCount::shadow_rays).sum())
 }
 
-/// Buffers that the scene fills. What the scene has no data for is zeros, of the size that it would
-/// have if each triangle had some: only kernels that are not specialized bind it.
+/// Buffers that the scene fills.
 pub fn scene_buffers<'a>(
     scene: &'a PreparedScene,
     settings: &Settings,
     frame: &'a Frame,
 ) -> impl Iterator<Item = BufferRole<'a>> {
-    let triangles = if settings.specialize { 1 } else { scene.triangles.len() as u64 };
     let bytes = bytemuck::cast_slice::<Frame, u8>(std::slice::from_ref(frame));
     let uniform =
         BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
-    let sized = |name, texel_bytes, contents: &'a [u8], least| BufferRole {
+    let data = |SceneBuffer { name, texel_bytes, contents, size }| BufferRole {
         name,
         usage: BufferUse::Scene { texel_bytes },
-        size: (contents.len() as u64).max(least),
+        size,
         contents: (!contents.is_empty()).then_some(contents),
     };
-    let data = |name, texel_bytes, contents| sized(name, texel_bytes, contents, texel_bytes);
+    std::iter::once(uniform).chain(scene.buffers(settings.specialize).into_iter().map(data))
+}
+
+/// Buffers with a record for each path in flight: bytes of a record.
+pub(super) fn path_records(sort: Sort, needs: &Needs) -> [(&'static str, u64); 11] {
     [
-        uniform,
-        data("nodes", 16, bytemuck::cast_slice(&scene.bvh.texels)),
-        data("triangles", 16, bytemuck::cast_slice(&scene.triangles)),
-        data("materials", 16, bytemuck::cast_slice(&scene.materials)),
-        data("lights", 16, bytemuck::cast_slice(&scene.lights)),
-        sized("normals", 16, bytemuck::cast_slice(&scene.normals), 16 * triangles),
-        sized("texture_coordinates", 8, bytemuck::cast_slice(&scene.texture_coordinates), 3 * 8 * triangles),
-        data("textures", 8, bytemuck::cast_slice(&scene.textures)),
-        data("environment", 16, bytemuck::cast_slice(&scene.environment)),
-        data("environment_aliases", 8, bytemuck::cast_slice(&scene.environment_aliases)),
+        // Two halves, but for paths that go on nowhere.
+        ("ray_queue", if needs.scatters { 8 } else { 4 }),
+        ("ray_origins", 16),
+        ("ray_directions", 16),
+        ("throughputs", 16),
+        ("radiances", 16),
+        ("hits", 16),
+        ("shadow_origins", 16),
+        ("shadow_directions", 16),
+        ("shadow_radiances", 16),
+        ("stack_blocks", needs.stack_bytes(1)),
+        ("sorted_rays", if sort == Sort::None { 0 } else { 4 }),
     ]
-    .into_iter()
 }
 
 /// Buffers of the paths in flight and of the film.
 fn path_buffers<'a>(plan: &Plan, sort: Sort, needs: &Needs) -> impl Iterator<Item = BufferRole<'a>> {
-    let slots = u64::from(plan.path_capacity);
-    let sorted_slots = if sort == Sort::None { 1 } else { slots };
-    // Paths that go on nowhere need no second half.
-    let halves = if needs.scatters { 2 } else { 1 };
     let state = |name, size| BufferRole { name, usage: BufferUse::State, size, contents: None };
-    [
+    let slots = u64::from(plan.path_capacity);
+    // Kernels that do not sort bind one entry of the sorted queue, and never read it.
+    let records = path_records(sort, needs).map(|(name, bytes)| state(name, (bytes * slots).max(16)));
+    let shared = [
         state("control", size_of::<Control>() as u64),
-        state("ray_queue", halves * 4 * slots),
-        state("ray_origins", 16 * slots),
-        state("ray_directions", 16 * slots),
-        state("throughputs", 16 * slots),
-        state("radiances", 16 * slots),
-        state("hits", 16 * slots),
-        state("shadow_origins", 16 * slots),
-        state("shadow_directions", 16 * slots),
-        state("shadow_radiances", 16 * slots),
-        state("stack_blocks", needs.stack_bytes(plan.path_capacity).max(16)),
-        state("sorted_rays", 4 * sorted_slots),
         state("bins", size_of::<Bins>() as u64),
         state("work_counts", u64::from(STAGES * COUNTED_BOUNCES) * size_of::<WorkCount>() as u64),
         state("ray_counts", u64::from(COUNTED_BOUNCES) * size_of::<RayCount>() as u64),
         state("film", u64::from(plan.pixels) * size_of::<FilmPixel>() as u64),
-    ]
-    .into_iter()
+    ];
+    records.into_iter().chain(shared)
 }

@@ -50,12 +50,7 @@ impl Variant {
                 remove(&mut module, variable);
             }
         }
-        Specialized {
-            words: module.assemble(),
-            bindings,
-            push_constant_size: self.push_constant_size,
-            instructions,
-        }
+        Specialized { words: module.assemble(), bindings, push_constant_size: self.push_constant_size, instructions }
     }
 }
 
