@@ -5,7 +5,7 @@ mod common;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use common::optics;
-use common::probe::{Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, spherical, vector};
+use common::probe::{Bench, Glossy, Specular, SurfaceQuery, Uniform, grey, lanes, scene_of, spherical, vector};
 use glam::{DVec3, Vec3};
 use raywave::scene::{Material, Surface};
 
@@ -21,9 +21,12 @@ fn glossy_materials() -> Vec<Material> {
     ]
 }
 
-/// A bench whose materials are these.
+/// A bench whose materials are these, each on a triangle: kernels know those that are used.
 fn bench_of(materials: Vec<Material>) -> (Bench, Vec<Material>) {
-    let mut scene = any_scene();
+    let mut scene = scene_of(&vec![[DVec3::ZERO, DVec3::X, DVec3::Y]; materials.len()]);
+    for (triangle, material) in scene.mesh.triangles.iter_mut().zip(0..) {
+        triangle.material = material;
+    }
     scene.materials = materials;
     (Bench::new(&common::device(), &scene), scene.materials)
 }

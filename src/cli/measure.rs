@@ -13,11 +13,12 @@ use super::load_scene;
 use super::picture::PictureArguments;
 use super::render::settings_record;
 use super::start_up::{self, Contrast};
+use super::tuning::Tuning;
 use crate::bvh::BvhKind;
 use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceKind};
 use crate::layout::WorkCount;
-use crate::render::{Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
+use crate::render::{Fetch, Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
 use crate::scene::{Integrator, Scene};
 use crate::studies::{
     BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
@@ -42,6 +43,7 @@ struct OpenScene {
     /// `None` for the built-in one.
     path: Option<PathBuf>,
     settings: Settings,
+    tuning: Tuning,
     /// By the shape of its BVH, as far as configurations have asked for it.
     prepared: HashMap<BvhKind, PreparedScene>,
 }
@@ -105,7 +107,11 @@ impl DeviceRenderer {
         let scene: Scene = load_scene(path.as_deref(), self.quiet)?;
         let settings = self.picture.settings(&scene)?;
         let (name, hash) = (scene.name.clone(), scene.hash.clone());
-        let mut open = OpenScene { path, scene, settings, prepared: HashMap::new() };
+        let tuning = match self.picture.tuned() {
+            true => Tuning::of_scene(self.device.description(), &scene, self.quiet),
+            false => Tuning::default(),
+        };
+        let mut open = OpenScene { path, scene, settings, tuning, prepared: HashMap::new() };
         let prepared = open.prepare(settings.bvh_for(self.device.description().subgroup_size))?;
         let facts = SceneFacts {
             scene: name,
@@ -122,7 +128,8 @@ impl DeviceRenderer {
 
     fn render(&mut self, configuration: &Configuration, purpose: Purpose) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let settings = configured(scene.settings, configuration)?;
+        let mut settings = configured(scene.settings, configuration)?;
+        scene.tuning.apply(&mut settings);
         let key = configuration.to_string();
         match purpose {
             Purpose::First => self.render_first(settings, key),
@@ -236,6 +243,8 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("bvh", "bvh2") => settings.bvh = Some(BvhKind::Bvh2),
             ("bvh", "bvh4") => settings.bvh = Some(BvhKind::Bvh4),
             ("bvh", "cwbvh") => settings.bvh = Some(BvhKind::Cwbvh),
+            ("fetch", "texel") => settings.fetch = Some(Fetch::Texel),
+            ("fetch", "storage") => settings.fetch = Some(Fetch::Storage),
             ("sort", "none") => settings.sort = Sort::None,
             ("sort", "material") => settings.sort = Sort::Material,
             ("fast-math", _) => settings.fast_math = level == "on",

@@ -21,4 +21,4 @@ pub use plan::{Plan, PlanError, SampleRange};
 pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
 pub use replay::{Replay, ReplayOutcome};
 pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
-pub use settings::{MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Scheduler, Settings, SettingsError, Sort};
+pub use settings::{Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Scheduler, Settings, SettingsError, Sort, Traversal};

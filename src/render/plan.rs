@@ -189,6 +189,8 @@ mod tests {
             sort: Sort::None,
             paths_per_invocation: None,
             fast_math: false,
+            fetch: None,
+            tuned: false,
             specialize: true,
         }
     }

@@ -193,6 +193,25 @@ impl<'a> Replay<'a> {
         Ok(outcome)
     }
 
+    /// Traces all rays once and tells how many seconds that took. The answers are not looked at: [`Replay::run`] checks
+    /// them.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn round(&mut self) -> Result<f64, RenderError> {
+        let mut seconds = 0.0;
+        for part in self.parts() {
+            self.load(&part)?;
+            seconds += self.launch((part.end - part.start) as u32)?.0;
+        }
+        Ok(seconds)
+    }
+
+    /// Bytes of device memory.
+    pub fn memory_bytes(&self) -> u64 {
+        self.executor.memory_bytes()
+    }
+
     /// A round's rays by launches.
     fn parts(&self) -> impl Iterator<Item = Range<u64>> + use<> {
         let total = self.rays.len() as u64 * u64::from(self.repeat);

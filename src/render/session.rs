@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
 use super::prepare::{Needs, PrepareError, PreparedScene, SceneBuffer};
-use super::settings::{Scheduler, Settings, Sort};
+use super::settings::{Fetch, Scheduler, Settings, Sort};
 use super::{megakernel, wavefront};
 use crate::bvh::BvhKind;
 use crate::constants::{COUNTED_BOUNCES, STAGES};
@@ -365,6 +365,7 @@ pub(super) fn open_executor(
         (false, true) => Edition::FastMath,
         (false, false) => Edition::Exact,
     };
+    let access = settings.fetch.map(|fetch| Access { texel_fetch: fetch == Fetch::Texel, subgroup_ballot: true });
     let frame = scene.frame(settings, plan.path_capacity);
     let kernels: Vec<_> = names.iter().map(|name| shaders::kernel(name)).collect();
     Executor::new(
@@ -375,7 +376,7 @@ pub(super) fn open_executor(
             buffers: scene_buffers(scene, settings, &frame)
                 .chain(path_buffers(plan, settings.sort, &scene.needs(settings)))
                 .collect(),
-            access: options.access,
+            access: options.access.or(access),
             edition,
         },
     )

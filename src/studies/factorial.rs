@@ -81,6 +81,12 @@ pub const FACTORS: &[FactorKind] = &[
         meaning: "shape of the BVH",
     },
     FactorKind {
+        name: "fetch",
+        role: Role::Schedule,
+        levels: Levels::Named(&["texel", "storage"]),
+        meaning: "how kernels read the scene",
+    },
+    FactorKind {
         name: "sort",
         role: Role::Schedule,
         levels: Levels::Named(&["none", "material"]),
