@@ -5,7 +5,9 @@ mod common;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use common::optics;
-use common::probe::{Bench, Glossy, Specular, SurfaceQuery, Uniform, grey, lanes, scene_of, spherical, vector};
+use common::probe::{
+    Bench, Glossy, Specular, SurfaceQuery, Uniform, grey, lanes, scene_of_materials, spherical, vector,
+};
 use glam::{DVec3, Vec3};
 use raywave::scene::{Material, Surface};
 
@@ -21,13 +23,9 @@ fn glossy_materials() -> Vec<Material> {
     ]
 }
 
-/// A bench whose materials are these, each on a triangle: kernels know those that are used.
+/// A bench whose materials are these.
 fn bench_of(materials: Vec<Material>) -> (Bench, Vec<Material>) {
-    let mut scene = scene_of(&vec![[DVec3::ZERO, DVec3::X, DVec3::Y]; materials.len()]);
-    for (triangle, material) in scene.mesh.triangles.iter_mut().zip(0..) {
-        triangle.material = material;
-    }
-    scene.materials = materials;
+    let scene = scene_of_materials(materials);
     (Bench::new(&common::device(), &scene), scene.materials)
 }
 

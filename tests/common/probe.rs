@@ -102,6 +102,15 @@ pub fn any_scene() -> Scene {
     scene_of(&[[DVec3::ZERO, DVec3::X, DVec3::Y]])
 }
 
+/// A scene of these materials, each on a triangle: kernels know those that are used.
+pub fn scene_of_materials(materials: Vec<Material>) -> Scene {
+    let mut scene = scene_of(&vec![[DVec3::ZERO, DVec3::X, DVec3::Y]; materials.len()]);
+    for (triangle, material) in scene.mesh.triangles.iter_mut().zip(0..) {
+        triangle.material = material;
+    }
+    Scene { materials, ..scene }
+}
+
 /// Lambert of reflectance one half.
 pub fn grey() -> Material {
     Material {
