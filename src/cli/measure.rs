@@ -337,12 +337,14 @@ fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
     match settings.scheduler {
         Scheduler::Megakernel => 16 * samples + resolved,
         Scheduler::Wavefront => {
+            // Paths that never scatter keep no throughput.
+            let throughput = if settings.specialize && settings.max_bounces == Some(0) { 0 } else { 16 };
             // Generate writes origin, direction, throughput, radiance and a queue entry.
-            let generated = (4 * 16 + 4) * samples;
+            let generated = (3 * 16 + throughput + 4) * samples;
             let rays = samples + statistics.bounce_rays;
             // Extend reads a queue entry, origin and direction and writes a hit; shade reads a
             // queue entry, direction, throughput and hit.
-            let traced = (4 + 3 * 16 + 4 + 3 * 16) * rays;
+            let traced = (4 + 3 * 16 + 4 + 2 * 16 + throughput) * rays;
             // Shade writes origin, direction, throughput and a queue entry of what goes on.
             let continued = (3 * 16 + 4) * statistics.bounce_rays;
             // A sort reads queue entry and hit twice, and writes and reads the sorted queue.
