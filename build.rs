@@ -140,7 +140,10 @@ fn compile(
             return Ok(shaderc::ResolvedInclude { resolved_name: requested.to_owned(), content: glsl_constants() });
         }
         if requested == "listed_triangles.glsl" {
-            return Ok(shaderc::ResolvedInclude { resolved_name: requested.to_owned(), content: glsl_listed_triangles() });
+            return Ok(shaderc::ResolvedInclude {
+                resolved_name: requested.to_owned(),
+                content: glsl_listed_triangles(),
+            });
         }
         let found = INCLUDES.iter().map(|folder| format!("{folder}/{requested}")).find(|path| Path::new(path).exists());
         let resolved_name = found.ok_or_else(|| format!("{requested} is in none of {INCLUDES:?}"))?;

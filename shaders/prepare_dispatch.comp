@@ -5,6 +5,7 @@
 #include "constants.glsl"
 #define CONTROL_ACCESS
 #include "bindings_path.glsl"
+#include "specialization.glsl"
 
 layout(constant_id = SPEC_WORKGROUP_SIZE) const uint WORKGROUP_SIZE = 256u;
 layout(local_size_x = 1) in;
@@ -15,15 +16,17 @@ uint groups(uint count) { return (count + WORKGROUP_SIZE - 1u) / WORKGROUP_SIZE;
 
 void main() {
     uint rays = control.next_rays;
-    uint shadow_rays = control.next_shadow_rays;
     control.current_rays = rays;
-    control.current_shadow_rays = shadow_rays;
     control.next_rays = 0u;
-    control.next_shadow_rays = 0u;
     control.ray_groups[0] = groups(rays);
-    control.shadow_groups[0] = groups(shadow_rays);
-
-    // Rays are those of this bounce, shadow rays those of the bounce that appended them.
     count(ray_counts.bounces[min(batch.bounce, COUNTED_BOUNCES - 1u)].rays, rays)
-    count(ray_counts.bounces[min(max(batch.bounce, 1u) - 1u, COUNTED_BOUNCES - 1u)].shadow_rays, shadow_rays)
+
+    if (CASTS_SHADOWS) {
+        uint shadow_rays = control.next_shadow_rays;
+        control.current_shadow_rays = shadow_rays;
+        control.next_shadow_rays = 0u;
+        control.shadow_groups[0] = groups(shadow_rays);
+        // They belong to the bounce that appended them.
+        count(ray_counts.bounces[min(max(batch.bounce, 1u) - 1u, COUNTED_BOUNCES - 1u)].shadow_rays, shadow_rays)
+    }
 }

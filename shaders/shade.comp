@@ -38,18 +38,22 @@ void main() {
         }
     }
 
-    uint shadow_place;
-    bool casts = live && carries_light(vertex.shadow);
-    APPEND(control.next_shadow_rays, casts, shadow_place)
-    if (casts) {
-        store_shadow_ray(shadow_place, slot, vertex.shadow);
+    if (CASTS_SHADOWS) {
+        uint shadow_place;
+        bool casts = live && carries_light(vertex.shadow);
+        APPEND(control.next_shadow_rays, casts, shadow_place)
+        if (casts) {
+            store_shadow_ray(shadow_place, slot, vertex.shadow);
+        }
     }
 
-    uint next_place;
-    bool continues = live && vertex.continues;
-    APPEND(control.next_rays, continues, next_place)
-    if (continues) {
-        store_path(slot, path);
-        ray_queue.paths[((batch.bounce + 1u) & 1u) * frame.path_capacity + next_place] = slot;
+    if (SCATTERS) {
+        uint next_place;
+        bool continues = live && vertex.continues;
+        APPEND(control.next_rays, continues, next_place)
+        if (continues) {
+            store_path(slot, path);
+            ray_queue.paths[((batch.bounce + 1u) & 1u) * frame.path_capacity + next_place] = slot;
+        }
     }
 }

@@ -48,8 +48,9 @@ shared_constants! {
     WIDE_LEAF_TRIANGLES = 3;
     /// Most nodes of a wide BVH: a stack entry has 24 bits for one, and 8 for its children.
     WIDE_MAX_NODES = 1 << 24;
-    /// Most triangles of a list: a kernel has instructions for each of them.
-    LISTED_TRIANGLES = 64;
+    /// Most triangles of a list: a kernel has instructions for each of them. One under a power of 4,
+    /// so that a list fits all scenes of a tuning's class of sizes or none.
+    LISTED_TRIANGLES = 63;
     /// 16-byte texels of a node of the two-wide BVH.
     NODE_TEXELS = 4;
     /// 16-byte texels of a triangle.
@@ -74,6 +75,8 @@ shared_constants! {
     ENVIRONMENT_CONSTANT = 1;
     /// A lat-long image.
     ENVIRONMENT_LAT_LONG = 2;
+    /// Any of them: kernels ask the frame which.
+    ENVIRONMENT_ANY = 3;
 
     /// Only BRDF sampling finds light.
     INTEGRATOR_IMPLICIT = 0;
@@ -119,8 +122,18 @@ shared_constants! {
     SPEC_REGENERATES = 16;
     /// Children of a BVH node: 2, 4 or 8; 1 is a list of triangles without nodes.
     SPEC_BVH_WIDTH = 17;
+    /// Whether some material has a diffuse or Phong part.
+    SPEC_HAS_GLOSSY = 18;
+    /// Whether paths scatter at all: `max_bounces` is not 0.
+    SPEC_SCATTERS = 19;
+    /// Whether paths end at `max_bounces`.
+    SPEC_BOUNDED = 20;
+    /// Whether vertices may send shadow rays.
+    SPEC_CASTS_SHADOWS = 21;
     /// Triangles of the list.
-    SPEC_LISTED_COUNT = 18;
+    SPEC_LISTED_COUNT = 22;
+    /// Specialization constants that every kernel knows.
+    SPEC_COUNT = 23;
     /// The first of nine constants a triangle of the list, its vertices.
     SPEC_LISTED_TRIANGLES = 64;
 }

@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::constants::MATERIAL_BINS;
 
-/// What is uniform over a render. 116 bytes of a std140 block.
+/// What is uniform over a render. 120 bytes of a std140 block.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[allow(missing_docs, reason = "each field is described at its GLSL twin")]
@@ -30,6 +30,7 @@ pub struct Frame {
     pub environment_width: u32,
     pub environment_height: u32,
     pub path_capacity: u32,
+    pub environment: u32,
 }
 
 /// Inner BVH node: the boxes and references of its two children. 64 bytes, 4 texels.

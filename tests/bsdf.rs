@@ -5,7 +5,9 @@ mod common;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use common::optics;
-use common::probe::{Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, spherical, vector};
+use common::probe::{
+    Bench, Glossy, Specular, SurfaceQuery, Uniform, grey, lanes, scene_of_materials, spherical, vector,
+};
 use glam::{DVec3, Vec3};
 use raywave::scene::{Material, Surface};
 
@@ -23,8 +25,7 @@ fn glossy_materials() -> Vec<Material> {
 
 /// A bench whose materials are these.
 fn bench_of(materials: Vec<Material>) -> (Bench, Vec<Material>) {
-    let mut scene = any_scene();
-    scene.materials = materials;
+    let scene = scene_of_materials(materials);
     (Bench::new(&common::device(), &scene), scene.materials)
 }
 

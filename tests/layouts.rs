@@ -55,6 +55,7 @@ fn blocks() -> BTreeMap<&'static str, (usize, Vec<Field>)> {
                     environment_width,
                     environment_height,
                     path_capacity,
+                    environment,
                 }),
             ),
         ),

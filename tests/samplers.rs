@@ -10,7 +10,8 @@ use bytemuck::{Pod, Zeroable};
 use common::meshes::{cuboid, placed};
 use common::optics;
 use common::probe::{
-    Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, spherical, vector,
+    Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, scene_of_materials, spherical,
+    vector,
 };
 use common::reference_path::pcg4d;
 use glam::{DMat3, DVec2, DVec3, Vec3};
@@ -181,7 +182,7 @@ fn warps_follow_their_densities() {
                 family.square(points, format!("{name} {exponent} about {axis}"));
             };
             lobe("sample_cosine", 1.0, |answer| answer.cosine);
-            lobe("sample_cosine_power", exponent, |answer| answer.cosine_power);
+            lobe("cosine_power_of", exponent, |answer| answer.cosine_power);
 
             let disk = answers.iter().map(|answer| {
                 let p = DVec2::from(answer.disk.map(f64::from));
@@ -334,8 +335,7 @@ fn integrate_cells(normal: DVec3, rule: &[(f64, f64)], f: impl Fn(DVec3) -> DVec
 fn glossy_scattering_follows_its_density_and_its_weights_their_integral() {
     const N: usize = 1 << 17;
     let device = common::device();
-    let mut scene = any_scene();
-    scene.materials = materials();
+    let scene = scene_of_materials(materials());
     let bench = Bench::new(&device, &scene);
     let mut family = Family::default();
     let mut random = Uniform::new(2);

@@ -102,7 +102,7 @@ fn agrees_with_the_cpu(bench: &Bench, queries: &[Query], answers: &[Answer]) {
         assert_eq!(found, expected, "{query:?}");
         let blocked = bvh::trace_any(hierarchy, triangles, &query.ray(), query.target, query.limit);
         assert_eq!(answer.blocked != 0, blocked, "{query:?}");
-        assert!(answer.deepest_stack <= bench.scene.stack_size(), "{query:?}");
+        assert!(answer.deepest_stack <= bench.scene.needs(&bench.settings).stack_size, "{query:?}");
     }
 }
 

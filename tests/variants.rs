@@ -33,7 +33,7 @@ fn render(device: &Device, scene: &Scene, access: Access) -> (Vec<DVec3>, Vec<DV
     .expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
     // A scene may have more texels than the device can address.
-    let words = prepared.buffer_bytes().into_iter().map(|(_, bytes)| bytes / 8).max();
+    let words = prepared.buffers(true).into_iter().map(|buffer| buffer.size / 8).max();
     if words <= Some(device.description().max_texel_buffer_elements) {
         assert_eq!(outcome.statistics.texel_fetch, access.texel_fetch);
     }

@@ -27,8 +27,11 @@ fn sums(outcome: Outcome) -> Vec<DVec3> {
 }
 
 fn count(device: &Device, scene: &Scene, settings: &Settings) -> Outcome {
-    let prepared =
-        PreparedScene::with_bvh(scene, settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len())).expect("the scene fits");
+    let prepared = PreparedScene::with_bvh(
+        scene,
+        settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()),
+    )
+    .expect("the scene fits");
     let options = SessionOptions { counting: true, ..SessionOptions::default() };
     let mut session = Session::with_options(device, &prepared, settings, options).expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");

@@ -25,6 +25,7 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     uint environment_width;     // texels
     uint environment_height;
     uint path_capacity;         // path slots, and entries of each half of the ray queue
+    uint environment;           // one of ENVIRONMENT_BLACK, _CONSTANT, _LAT_LONG
 } frame;
 
 #ifdef TEXEL_FETCH

@@ -56,7 +56,7 @@ Material fetch_material(uint index, vec2 uv) {
     return m;
 }
 
-bool is_specular(Material m) { return HAS_SPECULAR && m.surface != SURFACE_GLOSSY; }
+bool is_specular(Material m) { return HAS_SPECULAR && (!HAS_GLOSSY || m.surface != SURFACE_GLOSSY); }
 
 float mean3(vec3 c) { return (c.x + c.y + c.z) * (1.0 / 3.0); }
 
@@ -95,18 +95,24 @@ vec3 evaluate_glossy(Material m, Surface surface, vec3 wo, vec3 wi, out float pd
 // Picks a lobe by its weight, then a direction by the lobe.
 Scatter scatter_glossy(Material m, Surface surface, vec3 wo, float choice, vec2 u) {
     vec3 n = surface.shading_normal * side_of(surface, wo);
-    vec3 wi;
+    float probability = HAS_PHONG ? lobe_probability(m) : 0.0;
+    bool lobe = HAS_PHONG && choice < probability;
+    // One direction for both: a device that runs both sides of an `if` turns the axis once.
+    float cos_theta = cosine_of(u.x);
+    vec3 axis = n;
     if (HAS_PHONG) {
-        bool lobe = choice < lobe_probability(m);
-        float exponent = lobe ? m.ns : 1.0;
-        // A cosine hemisphere is the lobe of exponent 1 about the normal.
-        wi = sample_cosine_power(lobe ? reflect(-wo, n) : n, exponent, u);
+        cos_theta = lobe ? cosine_power_of(m.ns, u.x) : cos_theta;
+        axis = lobe ? reflect(-wo, n) : n;
+    }
+    vec3 wi = around(axis, cos_theta, TWO_PI * u.y);
+    // Without a lobe f cos / pdf is Kd, the same bits as in kernels that know no lobes.
+    vec3 weight = side_of(surface, wo) == side_of(surface, wi) ? m.kd : vec3(0.0);
+    if (HAS_PHONG) {
         float pdf;
         vec3 value = evaluate_glossy(m, surface, wo, wi, pdf);
-        return Scatter(wi, pdf > 0.0 ? value / pdf : vec3(0.0));
+        weight = probability > 0.0 ? (pdf > 0.0 ? value / pdf : vec3(0.0)) : weight;
     }
-    wi = sample_cosine(n, u);
-    return Scatter(wi, side_of(surface, wo) == side_of(surface, wi) ? m.kd : vec3(0.0));
+    return Scatter(wi, weight);
 }
 
 // Reflectance of unpolarised light. `eta` is the index beyond over the index before.

@@ -10,7 +10,7 @@ Ray camera_ray(uint pixel, vec4 u) {
     vec3 direction = frame.camera_forward + (2.0 * position.x - 1.0) * frame.camera_right
         + (1.0 - 2.0 * position.y) * frame.camera_up;
     vec3 origin = frame.camera_eye;
-    if (HAS_LENS) {
+    if (HAS_LENS && frame.lens_radius > 0.0) {
         vec2 lens = frame.lens_radius * sample_disk(u.zw);
         vec3 shift = lens.x * normalize(frame.camera_right) + lens.y * normalize(frame.camera_up);
         direction = frame.focus_distance * direction - shift;

@@ -5,6 +5,10 @@
 
 const bool HAS_ENVIRONMENT = ENVIRONMENT != ENVIRONMENT_BLACK;
 
+bool environment_is(uint kind) { return (ENVIRONMENT == ENVIRONMENT_ANY ? frame.environment : ENVIRONMENT) == kind; }
+
+bool shines_from_afar() { return HAS_ENVIRONMENT && !environment_is(ENVIRONMENT_BLACK); }
+
 // A point of light as a surface sees it.
 struct LightSample {
     Ray ray;           // towards the light; reaches a triangle at 1 direction length
@@ -28,7 +32,7 @@ vec2 environment_uv(vec3 direction) {
 }
 
 vec3 environment_radiance(vec3 direction) {
-    if (ENVIRONMENT == ENVIRONMENT_LAT_LONG) {
+    if (environment_is(ENVIRONMENT_LAT_LONG)) {
         vec2 p = environment_uv(direction) * vec2(frame.environment_width, frame.environment_height) - 0.5;
         ivec2 corner = ivec2(floor(p));
         vec2 f = p - vec2(corner);
@@ -98,13 +102,15 @@ LightSample sample_triangles(Surface surface, vec4 u) {
 
 // One sample of all light: with both kinds present, half the samples go to each.
 LightSample sample_light(Surface surface, vec3 wo, vec4 u) {
-    bool both = HAS_LIGHTS && HAS_ENVIRONMENT;
-    bool far = HAS_ENVIRONMENT && (!HAS_LIGHTS || u.x < 0.5);
+    bool lamps = HAS_LIGHTS && frame.light_count > 0u;
+    bool sky = shines_from_afar();
+    bool both = lamps && sky;
+    bool far = sky && (!lamps || u.x < 0.5);
     float scale = both ? 2.0 : 1.0;
     u.x = both ? 2.0 * u.x - (far ? 0.0 : 1.0) : u.x;
     LightSample light;
-    if (HAS_ENVIRONMENT && far) {
-        if (ENVIRONMENT == ENVIRONMENT_LAT_LONG) {
+    if (HAS_ENVIRONMENT && (!HAS_LIGHTS || far)) {
+        if (environment_is(ENVIRONMENT_LAT_LONG)) {
             light = sample_lat_long(surface, u);
         } else {
             light = sample_constant(surface, wo, u.zw);

@@ -51,7 +51,7 @@ Vertex ended(vec3 emission) {
 
 // The path left the scene.
 Vertex shade_miss(Path path) {
-    bool lit = HAS_ENVIRONMENT && path.sees_emission;
+    bool lit = shines_from_afar() && path.sees_emission;
     return ended(lit ? path.throughput * environment_radiance(path.ray.direction) : vec3(0.0));
 }
 
@@ -67,7 +67,7 @@ float spend(float x) {
 // Scatters by the BRDF and pays for it.
 Scatter scatter_at(Surface surface, Material material, bool specular, vec3 wo, vec4 u) {
     Scatter scatter;
-    if (HAS_SPECULAR && specular) {
+    if (HAS_SPECULAR && (!HAS_GLOSSY || specular)) {
         scatter = scatter_specular(material, surface, wo, u.y);
     } else {
         scatter = scatter_glossy(material, surface, wo, u.y, u.zw);
@@ -98,18 +98,18 @@ Vertex shade_hit(inout Path path, Hit hit) {
     Surface surface = surface_at(hit);
     Material material = fetch_material(surface.material, surface.uv);
     vec3 wo = -path.ray.direction;
-    if (material.surface == SURFACE_EMITTER) {
+    if (HAS_LIGHTS && material.surface == SURFACE_EMITTER) {
         bool lit = path.sees_emission && side_of(surface, wo) > 0.0;
         return ended(lit ? path.throughput * material.ke : vec3(0.0));
     }
     Vertex vertex = ended(vec3(0.0));
-    if (path.bounce == frame.max_bounces) {
+    if (!SCATTERS || (BOUNDED && path.bounce == frame.max_bounces)) {
         return vertex;
     }
     bool specular = is_specular(material);
 
     // Sample a light, unless the surface answers to one direction only.
-    if (EXPLICIT && (HAS_LIGHTS || HAS_ENVIRONMENT)) {
+    if (EXPLICIT && CASTS_SHADOWS) {
         LightSample light = sample_light(surface, wo, random4(path.pixel, path.sample_index, light_block(path.bounce), frame.seed));
         float pdf;
         vec3 value = evaluate_glossy(material, surface, wo, light.direction, pdf);
@@ -118,7 +118,7 @@ Vertex shade_hit(inout Path path, Hit hit) {
         vertex.shadow.radiance = specular ? vec3(0.0) : path.throughput * value * light.radiance;
     }
     // A last bounce that is not specular has all its light now.
-    if (EXPLICIT && !specular && path.bounce + 1u == frame.max_bounces) {
+    if (EXPLICIT && BOUNDED && !specular && path.bounce + 1u == frame.max_bounces) {
         return vertex;
     }
 
@@ -145,6 +145,6 @@ Vertex shade_hit(inout Path path, Hit hit) {
     return vertex;
 }
 
-bool carries_light(ShadowRay shadow) { return any(notEqual(shadow.radiance, vec3(0.0))); }
+bool carries_light(ShadowRay shadow) { return CASTS_SHADOWS && any(notEqual(shadow.radiance, vec3(0.0))); }
 
 #endif

@@ -19,13 +19,20 @@ Ray load_ray(uint slot) {
 Path load_path(uint slot) {
     Ray ray = load_ray(slot);
     bool sees_emission = ray_directions.words[slot].w != 0u;
-    return Path(pixel_of(slot), sample_of(slot), batch.bounce, ray, throughputs.rgb[slot].rgb, sees_emission);
+    // Where nothing scatters, every ray is the camera's.
+    vec3 throughput = vec3(1.0);
+    if (SCATTERS) {
+        throughput = throughputs.rgb[slot].rgb;
+    }
+    return Path(pixel_of(slot), sample_of(slot), batch.bounce, ray, throughput, sees_emission);
 }
 
 void store_path(uint slot, Path path) {
     ray_origins.words[slot] = uvec4(floatBitsToUint(path.ray.origin), path.ray.leaves);
     ray_directions.words[slot] = uvec4(floatBitsToUint(path.ray.direction), path.sees_emission ? 1u : 0u);
-    throughputs.rgb[slot] = vec4(path.throughput, 0.0);
+    if (SCATTERS) {
+        throughputs.rgb[slot] = vec4(path.throughput, 0.0);
+    }
 }
 
 Hit load_hit(uint slot) {

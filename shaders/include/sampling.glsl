@@ -27,13 +27,14 @@ vec3 around(vec3 axis, float cos_theta, float phi) {
     return tangent * across.x + bitangent * across.y + axis * cos_theta;
 }
 
-// Density cos / pi over solid angle.
-vec3 sample_cosine(vec3 n, vec2 u) { return around(n, sqrt(1.0 - u.x), TWO_PI * u.y); }
+// The cosine of a direction of density cos / pi over solid angle.
+float cosine_of(float u) { return sqrt(1.0 - u); }
 
-// Density (exponent + 1) / (2 pi) cos^exponent over solid angle.
-vec3 sample_cosine_power(vec3 axis, float exponent, vec2 u) {
-    return around(axis, pow(1.0 - u.x, 1.0 / (exponent + 1.0)), TWO_PI * u.y);
-}
+// The same of density (exponent + 1) / (2 pi) cos^exponent.
+float cosine_power_of(float exponent, float u) { return pow(1.0 - u, 1.0 / (exponent + 1.0)); }
+
+// Density cos / pi over solid angle.
+vec3 sample_cosine(vec3 n, vec2 u) { return around(n, cosine_of(u.x), TWO_PI * u.y); }
 
 // Uniform over the unit disk. (Shirley and Chiu 1997)
 vec2 sample_disk(vec2 u) { return sqrt(u.x) * on_circle(TWO_PI * u.y); }

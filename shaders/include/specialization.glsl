@@ -1,5 +1,6 @@
 // What a pipeline is built for: the host sets these from the scene's features, and the driver
-// removes the code of all that the scene does not need.
+// removes the code of all that the scene does not need. A kernel that has more than a scene needs
+// gives the same bits: the scene's data then say what is there.
 #ifndef SPECIALIZATION_GLSL
 #define SPECIALIZATION_GLSL
 #include "constants.glsl"
@@ -22,6 +23,10 @@ layout(constant_id = SPEC_SORTED) const bool SORTED = false;
 layout(constant_id = SPEC_REGENERATES) const bool REGENERATES = false;
 layout(constant_id = SPEC_BVH_WIDTH) const uint BVH_WIDTH = 2u;
 layout(constant_id = SPEC_LISTED_COUNT) const uint LISTED_COUNT = 0u;
+layout(constant_id = SPEC_HAS_GLOSSY) const bool HAS_GLOSSY = true;
+layout(constant_id = SPEC_SCATTERS) const bool SCATTERS = true;
+layout(constant_id = SPEC_BOUNDED) const bool BOUNDED = true;
+layout(constant_id = SPEC_CASTS_SHADOWS) const bool CASTS_SHADOWS = true;
 
 const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
 const bool HAS_SPECULAR = HAS_MIRROR || HAS_GLASS;

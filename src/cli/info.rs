@@ -3,84 +3,209 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use crate::bvh::Bvh;
-use crate::layout;
-use crate::render::PreparedScene;
+use indicatif::HumanCount;
+use serde_json::{Map, Value, json};
 
-use super::picture::BvhName;
+use super::picture::{PictureArguments, bvh_name, scheduler_name};
 use super::{load_scene, print, readable_bytes};
+use crate::bvh::{Bvh, BvhKind};
+use crate::render::{FeatureCost, Footprint, PreparedScene, Settings, feature_costs};
+use crate::scene::Scene;
 
-/// Tell what a scene holds: triangles, materials, lights, bounds, BVH, memory
+/// Tell what a scene holds, what a render of it needs, and what it leaves out
 #[derive(Debug, clap::Args)]
 pub struct InfoArguments {
     /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
     scene: Option<PathBuf>,
-    /// Shape of the BVH
-    #[arg(long, default_value = "cwbvh")]
-    bvh: BvhName,
+    /// The render that it would be; no device is opened.
+    #[command(flatten)]
+    picture: PictureArguments,
+    /// JSON instead of lines
+    #[arg(long)]
+    json: bool,
 }
 
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
     let scene = load_scene(arguments.scene.as_deref(), false)?;
-    let prepared = PreparedScene::with_bvh(&scene, arguments.bvh.into())?;
-    let (low, high) = scene.bounds();
-    let triangles = scene.mesh.triangles.len();
-    let mut text = String::new();
-    writeln!(text, "scene            {}", scene.name)?;
-    writeln!(text, "hash             {}", scene.hash)?;
-    writeln!(text, "triangles        {triangles}")?;
-    writeln!(text, "vertices         {}", scene.mesh.positions.len())?;
-    writeln!(text, "materials        {}", scene.materials.len())?;
-    writeln!(text, "textures         {}", scene.textures.len())?;
-    writeln!(text, "light triangles  {}", prepared.lights.len())?;
-    writeln!(text, "environment      {}", environment(&scene))?;
-    writeln!(text, "bounds           {low} to {high}")?;
-    writeln!(text, "needs            {}", needs(&prepared))?;
-    let Bvh { depth, leaf_count, sah_cost, build_time, .. } = &prepared.bvh;
-    writeln!(text, "BVH nodes        {}", prepared.bvh.node_count())?;
-    writeln!(text, "BVH leaves       {leaf_count}, {:.2} triangles each", triangles as f64 / f64::from(*leaf_count))?;
-    writeln!(text, "BVH depth        {depth}")?;
-    writeln!(text, "BVH SAH cost     {sah_cost:.2}")?;
-    let speed = triangles as f64 / build_time.as_secs_f64() / 1e6;
-    writeln!(text, "BVH build        {:.1} ms, {speed:.2} M triangles/s", build_time.as_secs_f64() * 1e3)?;
-    let buffers = prepared.buffer_bytes();
-    let total: u64 = buffers.iter().map(|(_, bytes)| bytes).sum();
-    writeln!(
-        text,
-        "device memory    {}, {:.1} bytes a triangle",
-        readable_bytes(total),
-        total as f64 / triangles as f64
-    )?;
-    for (name, bytes) in buffers {
-        writeln!(text, "  {name:<20} {}", readable_bytes(bytes))?;
+    let settings = arguments.picture.settings(&scene)?;
+    let prepared = PreparedScene::with_bvh(&scene, settings.bvh.unwrap_or(BvhKind::Cwbvh))?;
+    let report = Report { scene: &scene, prepared: &prepared, settings };
+    if arguments.json {
+        return print(&(serde_json::to_string_pretty(&report.json())? + "\n"));
     }
-    writeln!(text, "frame            {} bytes", size_of::<layout::Frame>())?;
-    print(&text)
+    print(&report.lines()?)
 }
 
-fn environment(scene: &crate::scene::Scene) -> String {
+/// All that is told.
+struct Report<'a> {
+    scene: &'a Scene,
+    prepared: &'a PreparedScene,
+    settings: Settings,
+}
+
+impl Report<'_> {
+    fn triangles(&self) -> usize {
+        self.prepared.triangles.len()
+    }
+
+    /// Of the render with specialization, and without.
+    fn footprints(&self) -> [Footprint; 2] {
+        [true, false].map(|specialize| Footprint::of(self.prepared, &Settings { specialize, ..self.settings }))
+    }
+
+    fn lines(&self) -> anyhow::Result<String> {
+        let Self { scene, prepared, settings } = self;
+        let (low, high) = scene.bounds();
+        let triangles = self.triangles();
+        let mut text = String::new();
+        writeln!(text, "scene            {}", scene.name)?;
+        writeln!(text, "hash             {}", scene.hash)?;
+        writeln!(text, "triangles        {triangles}")?;
+        writeln!(text, "vertices         {}", scene.mesh.positions.len())?;
+        writeln!(text, "materials        {}", scene.materials.len())?;
+        writeln!(text, "textures         {}", scene.textures.len())?;
+        writeln!(text, "light triangles  {}", prepared.lights.len())?;
+        writeln!(text, "environment      {}", environment(scene))?;
+        writeln!(text, "bounds           {low} to {high}")?;
+        let Bvh { depth, leaf_count, sah_cost, build_time, .. } = &prepared.bvh;
+        writeln!(text, "BVH nodes        {}, {}", prepared.bvh.node_count(), bvh_name(prepared.bvh.kind))?;
+        writeln!(
+            text,
+            "BVH leaves       {leaf_count}, {:.2} triangles each",
+            triangles as f64 / f64::from(*leaf_count)
+        )?;
+        writeln!(text, "BVH depth        {depth}")?;
+        writeln!(text, "BVH SAH cost     {sah_cost:.2}")?;
+        let speed = triangles as f64 / build_time.as_secs_f64() / 1e6;
+        writeln!(text, "BVH build        {:.1} ms, {speed:.2} M triangles/s", build_time.as_secs_f64() * 1e3)?;
+
+        let costs = feature_costs(prepared, settings);
+        let found: Vec<_> = costs.iter().filter(|cost| cost.found).map(|cost| cost.feature).collect();
+        writeln!(text, "needs            {}", found.join(", "))?;
+        for (found, head) in [(true, "needed"), (false, "left out")] {
+            let row = |cost: &FeatureCost| {
+                let state = list(&cost.path_bytes, |n| n.to_string());
+                [
+                    format!("  {}", cost.feature),
+                    list(&cost.instructions, |n| HumanCount(n as u64).to_string()),
+                    list(&cost.scene_bytes, readable_bytes),
+                    state,
+                ]
+            };
+            let heads = [head, "instructions", "scene data", "bytes a path in flight"].map(str::to_owned);
+            let rows: Vec<_> = costs.iter().filter(|cost| cost.found == found).map(row).collect();
+            text += "\n";
+            text += &aligned(&std::iter::once(heads).chain(rows).collect::<Vec<_>>());
+        }
+
+        let [own, any] = self.footprints();
+        writeln!(text, "\n{:<24} {:>14} {:>14}", scheduler_name(settings.scheduler), "for this scene", "for any")?;
+        let mut row = |name: &str, own: String, any: String| writeln!(text, "{name:<24} {own:>14} {any:>14}");
+        let count = |n: usize| HumanCount(n as u64).to_string();
+        row("instructions", count(all(&own.instructions)), count(all(&any.instructions)))?;
+        for (kernel, instructions) in &any.instructions {
+            let own = own.instructions.iter().find(|(name, _)| name == kernel);
+            row(&format!("  {kernel}"), own.map_or("–".into(), |(_, n)| count(*n)), count(*instructions))?;
+        }
+        let per_path = |footprint: &Footprint| format!("{} B", sum(&footprint.path_bytes));
+        row("path state, a path", per_path(&own), per_path(&any))?;
+        for (buffer, bytes) in &any.path_bytes {
+            let own = own.path_bytes.iter().find(|(name, _)| name == buffer);
+            row(&format!("  {buffer}"), own.map_or("–".into(), |(_, n)| format!("{n} B")), format!("{bytes} B"))?;
+        }
+        let memory = |footprint: &Footprint| readable_bytes(sum(&footprint.scene_bytes));
+        row("device memory", memory(&own), memory(&any))?;
+        let per_triangle = |bytes: u64| format!("{:.1} B", bytes as f64 / triangles as f64);
+        row("  a triangle", per_triangle(sum(&own.scene_bytes)), per_triangle(sum(&any.scene_bytes)))?;
+        for (buffer, bytes) in &any.scene_bytes {
+            let own = own.scene_bytes.iter().find(|(name, _)| name == buffer);
+            row(&format!("    {buffer}"), own.map_or("–".into(), |(_, n)| per_triangle(*n)), per_triangle(*bytes))?;
+        }
+        Ok(text)
+    }
+
+    fn json(&self) -> Value {
+        let Self { scene, prepared, settings } = self;
+        let (low, high) = scene.bounds();
+        let Bvh { depth, leaf_count, sah_cost, build_time, .. } = &prepared.bvh;
+        let footprint = |footprint: &Footprint| {
+            json!({
+                "instructions": object(&footprint.instructions),
+                "path_state_bytes_per_path": sum(&footprint.path_bytes),
+                "path_state_bytes": object(&footprint.path_bytes),
+                "scene_bytes_per_triangle": sum(&footprint.scene_bytes) as f64 / self.triangles() as f64,
+                "scene_bytes": object(&footprint.scene_bytes),
+            })
+        };
+        let features: Vec<Value> = feature_costs(prepared, settings)
+            .iter()
+            .map(|cost| {
+                json!({
+                    "feature": cost.feature,
+                    "needed": cost.found,
+                    "instructions": object(&cost.instructions),
+                    "scene_bytes": object(&cost.scene_bytes),
+                    "path_state_bytes": object(&cost.path_bytes),
+                })
+            })
+            .collect();
+        let [own, any] = self.footprints();
+        json!({
+            "scene": scene.name,
+            "scene_hash": scene.hash,
+            "triangles": self.triangles(),
+            "vertices": scene.mesh.positions.len(),
+            "materials": scene.materials.len(),
+            "textures": scene.textures.len(),
+            "light_triangles": prepared.lights.len(),
+            "environment": environment(scene),
+            "bounds": [low.to_array(), high.to_array()],
+            "bvh": bvh_name(prepared.bvh.kind),
+            "bvh_nodes": prepared.bvh.node_count(),
+            "bvh_leaves": leaf_count,
+            "bvh_depth": depth,
+            "bvh_sah_cost": sah_cost,
+            "bvh_build_seconds": build_time.as_secs_f64(),
+            "scheduler": scheduler_name(settings.scheduler),
+            "features": features,
+            "specialized": footprint(&own),
+            "unspecialized": footprint(&any),
+        })
+    }
+}
+
+/// Rows of left-aligned columns.
+fn aligned<const N: usize>(rows: &[[String; N]]) -> String {
+    let widths: [usize; N] =
+        std::array::from_fn(|column| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0));
+    rows.iter().fold(String::new(), |text, row| {
+        let cells =
+            row.iter().zip(widths).fold(String::new(), |line, (cell, width)| line + &format!("{cell:<width$}  "));
+        text + cells.trim_end() + "\n"
+    })
+}
+
+fn sum(bytes: &[(&'static str, u64)]) -> u64 {
+    bytes.iter().map(|(_, bytes)| bytes).sum()
+}
+
+fn all(instructions: &[(&'static str, usize)]) -> usize {
+    instructions.iter().map(|(_, number)| number).sum()
+}
+
+fn list<N: Copy>(numbers: &[(&'static str, N)], text: impl Fn(N) -> String) -> String {
+    numbers.iter().map(|(name, number)| format!("{name} {}", text(*number))).collect::<Vec<_>>().join(", ")
+}
+
+fn object<N: Copy + Into<Value>>(numbers: &[(&'static str, N)]) -> Map<String, Value> {
+    numbers.iter().map(|(name, number)| ((*name).to_owned(), (*number).into())).collect()
+}
+
+fn environment(scene: &Scene) -> String {
     use crate::scene::Environment::*;
     match &scene.environment {
         Black => "none".to_owned(),
         Constant(radiance) => format!("constant {radiance}"),
         LatLong(map) => format!("{} ({}x{})", map.path.display(), map.width, map.height),
     }
-}
-
-/// Names of the features that the kernels are built with.
-fn needs(prepared: &PreparedScene) -> String {
-    let f = &prepared.features;
-    let named = [
-        ("area lights", f.lights),
-        ("environment", f.environment != crate::constants::ENVIRONMENT_BLACK),
-        ("Phong lobes", f.phong),
-        ("mirrors", f.mirror),
-        ("refraction", f.refractive),
-        ("Fresnel glass", f.dielectric),
-        ("textures", f.textures),
-        ("shading normals", f.normals),
-        ("lens", f.lens),
-    ];
-    let names: Vec<_> = named.iter().filter(|(_, needed)| *needed).map(|(name, _)| *name).collect();
-    if names.is_empty() { "diffuse surfaces alone".to_owned() } else { names.join(", ") }
 }

@@ -13,11 +13,12 @@ use super::load_scene;
 use super::picture::PictureArguments;
 use super::render::settings_record;
 use super::start_up::{self, Contrast};
+use super::tuning::Tuning;
 use crate::bvh::BvhKind;
 use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceKind};
 use crate::layout::WorkCount;
-use crate::render::{Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
+use crate::render::{Fetch, Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
 use crate::scene::{Integrator, Scene};
 use crate::studies::{
     BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
@@ -42,6 +43,7 @@ struct OpenScene {
     /// `None` for the built-in one.
     path: Option<PathBuf>,
     settings: Settings,
+    tuning: Tuning,
     /// By the shape of its BVH, as far as configurations have asked for it.
     prepared: HashMap<BvhKind, PreparedScene>,
 }
@@ -105,8 +107,13 @@ impl DeviceRenderer {
         let scene: Scene = load_scene(path.as_deref(), self.quiet)?;
         let settings = self.picture.settings(&scene)?;
         let (name, hash) = (scene.name.clone(), scene.hash.clone());
-        let mut open = OpenScene { path, scene, settings, prepared: HashMap::new() };
-        let prepared = open.prepare(settings.bvh_for(self.device.description().subgroup_size, open.scene.mesh.triangles.len()))?;
+        let tuning = match self.picture.tuned() {
+            true => Tuning::of_scene(self.device.description(), &scene, self.quiet),
+            false => Tuning::default(),
+        };
+        let mut open = OpenScene { path, scene, settings, tuning, prepared: HashMap::new() };
+        let prepared =
+            open.prepare(settings.bvh_for(self.device.description().subgroup_size, open.scene.mesh.triangles.len()))?;
         let facts = SceneFacts {
             scene: name,
             scene_hash: hash,
@@ -122,7 +129,8 @@ impl DeviceRenderer {
 
     fn render(&mut self, configuration: &Configuration, purpose: Purpose) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let settings = configured(scene.settings, configuration)?;
+        let mut settings = configured(scene.settings, configuration)?;
+        scene.tuning.apply(&mut settings);
         let key = configuration.to_string();
         match purpose {
             Purpose::First => self.render_first(settings, key),
@@ -133,8 +141,12 @@ impl DeviceRenderer {
             Purpose::Counting => {
                 let options = SessionOptions { counting: true, ..SessionOptions::default() };
                 let lanes = self.device.description().subgroup_size;
-                let mut session =
-                    Session::with_options(&self.device, scene.prepare(settings.bvh_for(lanes, scene.scene.mesh.triangles.len()))?, &settings, options)?;
+                let mut session = Session::with_options(
+                    &self.device,
+                    scene.prepare(settings.bvh_for(lanes, scene.scene.mesh.triangles.len()))?,
+                    &settings,
+                    options,
+                )?;
                 let outcome = session.render(|_| ControlFlow::Continue(()))?;
                 let mut measured = measurement(&settings, &outcome);
                 measured.counters = Some(work_counters(&outcome.statistics.work_counts, lanes));
@@ -148,7 +160,8 @@ impl DeviceRenderer {
     /// The first render of a configuration: from nothing to an image.
     fn render_first(&mut self, settings: Settings, key: String) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let prepared = scene.prepare(settings.bvh_for(self.device.description().subgroup_size, scene.scene.mesh.triangles.len()))?;
+        let prepared = scene
+            .prepare(settings.bvh_for(self.device.description().subgroup_size, scene.scene.mesh.triangles.len()))?;
         let mut session = Session::new(&self.device, prepared, &settings)?;
         let outcome = session.render(|_| ControlFlow::Continue(()))?;
         let mut measured = measurement(&settings, &outcome);
@@ -237,9 +250,12 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("bvh", "bvh2") => settings.bvh = Some(BvhKind::Bvh2),
             ("bvh", "bvh4") => settings.bvh = Some(BvhKind::Bvh4),
             ("bvh", "cwbvh") => settings.bvh = Some(BvhKind::Cwbvh),
+            ("fetch", "texel") => settings.fetch = Some(Fetch::Texel),
+            ("fetch", "storage") => settings.fetch = Some(Fetch::Storage),
             ("sort", "none") => settings.sort = Sort::None,
             ("sort", "material") => settings.sort = Sort::Material,
             ("fast-math", _) => settings.fast_math = level == "on",
+            ("specialize", _) => settings.specialize = level == "on",
             ("shading-cost", _) => settings.shading_cost = count()?,
             ("materials", _) => settings.material_branches = count()?,
             _ => bail!("{factor}={level} is nothing that the renderer can vary"),
@@ -328,12 +344,14 @@ fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
     match settings.scheduler {
         Scheduler::Megakernel => 16 * samples + resolved,
         Scheduler::Wavefront => {
+            // Paths that never scatter keep no throughput.
+            let throughput = if settings.specialize && settings.max_bounces == Some(0) { 0 } else { 16 };
             // Generate writes origin, direction, throughput, radiance and a queue entry.
-            let generated = (4 * 16 + 4) * samples;
+            let generated = (3 * 16 + throughput + 4) * samples;
             let rays = samples + statistics.bounce_rays;
             // Extend reads a queue entry, origin and direction and writes a hit; shade reads a
             // queue entry, direction, throughput and hit.
-            let traced = (4 + 3 * 16 + 4 + 3 * 16) * rays;
+            let traced = (4 + 3 * 16 + 4 + 2 * 16 + throughput) * rays;
             // Shade writes origin, direction, throughput and a queue entry of what goes on.
             let continued = (3 * 16 + 4) * statistics.bounce_rays;
             // A sort reads queue entry and hit twice, and writes and reads the sorted queue.

@@ -13,6 +13,8 @@ mod picture;
 mod render;
 mod replay;
 mod start_up;
+mod tune;
+mod tuning;
 
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -49,6 +51,7 @@ enum Command {
     FirstSample(start_up::FirstSampleArguments),
     DumpRays(dump_rays::DumpRaysArguments),
     Replay(replay::ReplayArguments),
+    Tune(tune::TuneArguments),
     Gallery(GalleryArguments),
 }
 
@@ -94,6 +97,7 @@ pub fn main() -> ExitCode {
         Command::FirstSample(arguments) => start_up::first_sample(&arguments),
         Command::DumpRays(arguments) => dump_rays::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
+        Command::Tune(arguments) => tune::run(&arguments),
         Command::Gallery(GalleryArguments { folder, triangles }) => {
             crate::scene::generate_gallery(&folder, triangles as usize).map_err(Into::into)
         }

@@ -5,7 +5,7 @@ use clap::ValueEnum;
 use super::open_device;
 use crate::bvh::BvhKind;
 use crate::gpu::Device;
-use crate::render::{MAX_MATERIAL_BRANCHES, Scheduler, Settings, Sort};
+use crate::render::{Fetch, MAX_MATERIAL_BRANCHES, Scheduler, Settings, Sort};
 use crate::scene::{Integrator, Scene};
 
 /// Arguments that say what a pixel is, in place of what the scene says.
@@ -53,6 +53,12 @@ pub struct PictureArguments {
     /// Shape of the BVH; without, by device and size of the scene
     #[arg(long)]
     bvh: Option<BvhName>,
+    /// How kernels read the scene's buffers; without, by device
+    #[arg(long)]
+    fetch: Option<FetchName>,
+    /// Whether what `raywave tune` has found fastest stands in for --bvh, --fetch and --workgroup where they are not given
+    #[arg(long, default_value = "on")]
+    tuned: Switch,
     /// Order in which the wavefront shades
     #[arg(long, default_value = "none")]
     sort: SortName,
@@ -62,6 +68,18 @@ pub struct PictureArguments {
     /// Let the driver fuse and reorder arithmetic: images are no longer equal to the last bit
     #[arg(long)]
     fast_math: bool,
+    /// Whether kernels and buffers are made for what the scene needs, or for any scene; the image is the same
+    #[arg(long, default_value = "on")]
+    specialize: Switch,
+}
+
+/// Whether a thing is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Switch {
+    /// It is not
+    Off,
+    /// It is
+    On,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -83,7 +101,7 @@ enum SchedulerName {
 /// Shapes of BVH, as the command line has them.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum BvhName {
-    /// No tree: up to 64 triangles, compiled into the kernels
+    /// No tree: up to 63 triangles, compiled into the kernels
     List,
     /// Two children a node
     Bvh2,
@@ -91,6 +109,15 @@ pub enum BvhName {
     Bvh4,
     /// Eight children a node, boxes in 8 bits
     Cwbvh,
+}
+
+/// Ways to read the scene's buffers, as the command line has them.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum FetchName {
+    /// As texel buffers
+    Texel,
+    /// As storage buffers
+    Storage,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -135,6 +162,9 @@ impl PictureArguments {
             },
             paths_per_invocation: self.paths_per_invocation,
             fast_math: self.fast_math,
+            fetch: self.fetch.map(Into::into),
+            tuned: false,
+            specialize: self.specialize == Switch::On,
         };
         settings.validate()?;
         Ok(settings)
@@ -146,6 +176,11 @@ impl PictureArguments {
     /// No Vulkan, no such device.
     pub fn open_device(&self) -> anyhow::Result<Device> {
         open_device(self.device())
+    }
+
+    /// Whether tunings are wanted.
+    pub fn tuned(&self) -> bool {
+        self.tuned == Switch::On
     }
 
     /// The device that is wanted, by number or part of its name.
@@ -180,6 +215,23 @@ pub fn bvh_name(kind: BvhKind) -> &'static str {
         BvhKind::Bvh2 => "bvh2",
         BvhKind::Bvh4 => "bvh4",
         BvhKind::Cwbvh => "cwbvh",
+    }
+}
+
+impl From<FetchName> for Fetch {
+    fn from(name: FetchName) -> Self {
+        match name {
+            FetchName::Texel => Self::Texel,
+            FetchName::Storage => Self::Storage,
+        }
+    }
+}
+
+/// Name of a way to read the scene's buffers, as the command line has it.
+pub fn fetch_name(fetch: Fetch) -> &'static str {
+    match fetch {
+        Fetch::Texel => "texel",
+        Fetch::Storage => "storage",
     }
 }
 

@@ -13,11 +13,12 @@ use serde_json::{Map, Value, json};
 use crate::export::plain;
 use crate::film::{Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
 use crate::gpu::DeviceDescription;
-use crate::render::{PreparedScene, Progress, Session, Settings, Statistics};
+use crate::render::{Fetch, PreparedScene, Progress, Session, Settings, Statistics};
 use crate::scene::Scene;
 
 use super::devices::kind_name;
-use super::picture::{PictureArguments, bvh_name, integrator_name, scheduler_name, sort_name};
+use super::picture::{PictureArguments, bvh_name, fetch_name, integrator_name, scheduler_name, sort_name};
+use super::tuning::{self, Tuning};
 use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
 
 /// Render a scene to an image
@@ -53,9 +54,15 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     }
     ensure!(arguments.exposure.is_finite(), "--exposure {} is not a number of stops", arguments.exposure);
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
-    let settings = arguments.picture.settings(&scene)?;
+    let mut settings = arguments.picture.settings(&scene)?;
     let device = arguments.picture.open_device()?;
-    let prepared = PreparedScene::with_bvh(&scene, settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()))?;
+    if arguments.picture.tuned() {
+        Tuning::of_scene(device.description(), &scene, arguments.quiet).apply(&mut settings);
+    }
+    let prepared = PreparedScene::with_bvh(
+        &scene,
+        settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()),
+    )?;
     let mut session = Session::new(&device, &prepared, &settings)?;
 
     let interrupted = stop_on_interrupt("finishing the samples that are begun; Ctrl-C again gives them up")?;
@@ -163,10 +170,12 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "sort": sort_name(settings.sort),
         "paths_per_invocation": statistics.paths_per_invocation,
         "fast_math": settings.fast_math,
+        "specialize": settings.specialize,
         "paths_in_flight": statistics.paths_in_flight,
         "workgroup_size_invocations": statistics.workgroup_size,
         "bvh": bvh_name(statistics.bvh),
-        "scene_fetch": if statistics.texel_fetch { "texel" } else { "storage" },
+        "scene_fetch": fetch_name(if statistics.texel_fetch { Fetch::Texel } else { Fetch::Storage }),
+        "tuned": settings.tuned,
     }))
 }
 
@@ -265,8 +274,9 @@ fn summarise(arguments: &RenderArguments, settings: &Settings, statistics: &Stat
     if statistics.rows < settings.height {
         part += &format!(", in rows 1 to {} alone", statistics.rows);
     }
+    let tuned = if settings.tuned { format!("; tuned: {}", tuning::in_words(statistics)) } else { String::new() };
     eprintln!(
-        "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s",
+        "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s{tuned}",
         arguments.output.display(),
         settings.width,
         settings.height,

@@ -19,9 +19,11 @@ use super::compare::at_least_one;
 use super::measure::stage;
 use super::picture::PictureArguments;
 use super::render::record;
+use super::tuning::Tuning;
 use super::{load_scene, open_device, print};
 use crate::export::numbers::{Unit, interval};
 use crate::export::plain;
+use crate::gpu::Instance;
 use crate::render::{PreparedScene, Session, Settings};
 use crate::stats::{Bootstrap, Estimate};
 
@@ -162,7 +164,10 @@ pub fn first_sample(arguments: &FirstSampleArguments) -> anyhow::Result<()> {
     settings.validate()?;
     let scene = load_scene(arguments.scene.as_deref(), true)?;
     let device = open_device(arguments.device.as_deref())?;
-    let prepared = PreparedScene::with_bvh(&scene, settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()))?;
+    let prepared = PreparedScene::with_bvh(
+        &scene,
+        settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()),
+    )?;
     let settings = Settings { samples: 1, ..settings };
     let mut session = Session::new(&device, &prepared, &settings)?;
     let outcome = session.render(|_| ControlFlow::Continue(()))?;
@@ -203,7 +208,11 @@ impl StartUps {
 pub fn run_command(arguments: &StartUpArguments) -> anyhow::Result<()> {
     // What is wrong with the arguments is said once, before anything is started.
     let scene = load_scene(arguments.scene.as_deref(), false)?;
-    let settings = arguments.picture.settings(&scene)?;
+    let mut settings = arguments.picture.settings(&scene)?;
+    if arguments.picture.tuned() {
+        let device = Instance::new(false)?.choose(arguments.picture.device())?;
+        Tuning::of_scene(&device, &scene, false).apply(&mut settings);
+    }
     let measured = measure(arguments.scene.as_deref(), arguments.picture.device(), &settings, arguments.rounds)?;
     let settings = &measured.cold[0].told.settings;
     if arguments.json {

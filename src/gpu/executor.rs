@@ -48,7 +48,7 @@ pub struct ExecutorDescription<'a> {
     pub kernels: &'a [&'static Kernel],
     /// Specialization constants by id.
     pub specialization: &'a [u32],
-    /// Every buffer that the kernels bind.
+    /// Every buffer that the kernels bind. One that no kernel binds as it is specialized is not made.
     pub buffers: Vec<BufferRole<'a>>,
     /// How kernels are to reach memory, as far as the device can; without, the way that is
     /// fastest on its kind.
@@ -111,7 +111,7 @@ impl Executor {
     ///
     /// # Errors
     /// When a buffer is over the device's limits or its memory, or a kernel cannot be built.
-    pub fn new(device: &Device, description: ExecutorDescription<'_>) -> Result<Self, GpuError> {
+    pub fn new(device: &Device, mut description: ExecutorDescription<'_>) -> Result<Self, GpuError> {
         let shared = &device.shared;
         let limits = &shared.description;
         let wanted = description
@@ -126,13 +126,18 @@ impl Executor {
         let MemoryPlan { texel_fetch, bytes } =
             plan_memory(&description.buffers, STAGING_BYTES, wanted.texel_fetch, &memory)?;
         let access = Access { texel_fetch, subgroup_ballot: wanted.subgroup_ballot && limits.subgroup_ballot };
-
-        let variants: Vec<_> = description
+        let kernels: Vec<_> = description
             .kernels
             .iter()
-            .map(|kernel| (kernel.name, kernel.variant(description.edition, access)))
+            .map(|kernel| {
+                let variant = kernel.variant(description.edition, access);
+                (kernel.name, variant.specialize(description.specialization))
+            })
             .collect();
-        let pipelines = Pipelines::new(shared, &variants, description.specialization)?;
+        let bound: HashSet<_> = kernels.iter().flat_map(|(_, kernel)| &kernel.bindings).map(|b| b.name).collect();
+        description.buffers.retain(|role| bound.contains(role.name));
+
+        let pipelines = Pipelines::new(shared, kernels, description.specialization)?;
         let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let staging = Buffer::new(shared, "staging", STAGING_BYTES, transfer, MemoryLocation::CpuToGpu)?;
         let mut executor = Self {
@@ -421,10 +426,10 @@ impl Executor {
         unsafe { device.cmd_write_timestamp(commands, vk::PipelineStageFlags::BOTTOM_OF_PIPE, queries, 1) };
         for pass in passes {
             let (Pass::Dispatch { kernel, batch, .. } | Pass::DispatchIndirect { kernel, batch, .. }) = pass;
-            let (pipeline, variant) = self.pipelines.get(kernel);
+            let (pipeline, bindings) = self.pipelines.get(kernel);
             let indirect = matches!(pass, Pass::DispatchIndirect { .. }).then_some("control");
-            let reads = variant.bindings.iter().filter(|b| b.reads).map(|b| b.name).chain(indirect);
-            let writes = variant.bindings.iter().filter(|b| b.writes).map(|b| b.name);
+            let reads = bindings.iter().filter(|b| b.reads).map(|b| b.name).chain(indirect);
+            let writes = bindings.iter().filter(|b| b.writes).map(|b| b.name);
             if hazards.needs_barrier(reads, writes) {
                 self.barrier(commands);
             }

@@ -76,6 +76,13 @@ pub struct DeviceDescription {
     pub(super) timestamp_bits: u32,
 }
 
+impl DeviceDescription {
+    /// A name for files of what belongs to this device and this version of its driver alone.
+    pub fn cache_name(&self) -> String {
+        self.identity.name()
+    }
+}
+
 impl Instance {
     /// Starts Vulkan. With `validation`, the validation layer checks every call, synchronisation
     /// included, and its words are kept for [`Instance::validation_messages`].

@@ -8,7 +8,7 @@ use ash::vk;
 
 use super::device::Shared;
 use super::error::{Action, GpuError};
-use crate::shaders::{Binding, BindingKind, Variant};
+use crate::shaders::{Binding, BindingKind, Specialized};
 
 /// The kernels of a render: one pipeline each, one layout for all, so that descriptor sets are
 /// bound once.
@@ -25,10 +25,9 @@ pub(super) struct Pipelines {
 }
 
 /// A pipeline, what it was built from, and how long that took.
-#[derive(Clone, Copy)]
 struct Built {
     pipeline: vk::Pipeline,
-    variant: &'static Variant,
+    bindings: Vec<Binding>,
     time: Duration,
 }
 
@@ -36,7 +35,7 @@ impl Pipelines {
     /// Builds kernels by name. `specialization[i]` is the constant of id `i`.
     pub fn new(
         device: &Arc<Shared>,
-        kernels: &[(&'static str, &'static Variant)],
+        kernels: Vec<(&'static str, Specialized)>,
         specialization: &[u32],
     ) -> Result<Self, GpuError> {
         let mut pipelines = Self {
@@ -47,23 +46,23 @@ impl Pipelines {
             kernels: BTreeMap::new(),
             device: Arc::clone(device),
         };
-        for (_, variant) in kernels {
-            pipelines.bindings.extend(variant.bindings.iter().map(|b| ((b.set, b.binding), *b)));
-            pipelines.push_constant_size = pipelines.push_constant_size.max(variant.push_constant_size);
+        for (_, kernel) in &kernels {
+            pipelines.bindings.extend(kernel.bindings.iter().map(|b| ((b.set, b.binding), *b)));
+            pipelines.push_constant_size = pipelines.push_constant_size.max(kernel.push_constant_size);
         }
         pipelines.make_layout()?;
-        for &(name, variant) in kernels {
+        for (name, kernel) in kernels {
             let start = Instant::now();
-            let pipeline = pipelines.build(name, variant, specialization)?;
-            pipelines.kernels.insert(name, Built { pipeline, variant, time: start.elapsed() });
+            let pipeline = pipelines.build(name, &kernel.words, specialization)?;
+            pipelines.kernels.insert(name, Built { pipeline, bindings: kernel.bindings, time: start.elapsed() });
         }
         Ok(pipelines)
     }
 
     /// The pipeline of a kernel and what it binds.
-    pub fn get(&self, name: &str) -> (vk::Pipeline, &'static Variant) {
+    pub fn get(&self, name: &str) -> (vk::Pipeline, &[Binding]) {
         let built = self.kernels.get(name).expect("a recording names only kernels that its executor was made with");
-        (built.pipeline, built.variant)
+        (built.pipeline, &built.bindings)
     }
 
     /// The kernels.
@@ -115,9 +114,8 @@ impl Pipelines {
         Ok(())
     }
 
-    fn build(&self, name: &'static str, variant: &Variant, specialization: &[u32]) -> Result<vk::Pipeline, GpuError> {
-        let words: Vec<u32> = bytemuck::pod_collect_to_vec(variant.spirv);
-        let info = vk::ShaderModuleCreateInfo::default().code(&words);
+    fn build(&self, name: &'static str, words: &[u32], specialization: &[u32]) -> Result<vk::Pipeline, GpuError> {
+        let info = vk::ShaderModuleCreateInfo::default().code(words);
         // SAFETY: the words are SPIR-V that the build compiled for Vulkan 1.2.
         let module = unsafe { self.device.raw.create_shader_module(&info, None) }
             .map_err(|result| GpuError::Pipeline { kernel: name, result })?;

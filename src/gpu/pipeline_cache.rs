@@ -28,9 +28,14 @@ pub(super) struct Identity {
 }
 
 impl Identity {
-    fn file_name(&self) -> String {
+    /// A name that no other device and no other version of its driver has, for files.
+    pub fn name(&self) -> String {
         let uuid: String = self.uuid.iter().map(|byte| format!("{byte:02x}")).collect();
-        format!("{:08x}-{:08x}-{:08x}-{uuid}.pipelines", self.vendor, self.device, self.driver_version)
+        format!("{:08x}-{:08x}-{:08x}-{uuid}", self.vendor, self.device, self.driver_version)
+    }
+
+    fn file_name(&self) -> String {
+        self.name() + ".pipelines"
     }
 
     /// The driver's data in a file, if it is whole and of this device and driver.

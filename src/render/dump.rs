@@ -48,7 +48,7 @@ impl Session {
         for at in 0..=bounce {
             // Shadow rays of a bounce are queued while it is shaded, the others by the bounce before.
             let shaded = if shadow { at..at + 1 } else { at.saturating_sub(1)..at };
-            wavefront::advance(&mut recording, self.settings.sort, batch, shaded);
+            wavefront::advance(&mut recording, self.settings.sort, self.shadows, batch, shaded);
             self.executor.submit(&std::mem::take(&mut recording))?;
             let control = self.control()?;
             count = if shadow { control.current_shadow_rays } else { control.current_rays };

@@ -2,9 +2,11 @@
 //!
 //! [`PreparedScene`] is the scene as the kernels read it; [`Plan`] computes sizes and batches;
 //! `wavefront` and `megakernel` make recordings; [`Session`] uploads, runs and reads back, and can freeze a queue of
-//! rays, which a [`Replay`] runs through one kernel. Only these two touch [`crate::gpu`].
+//! rays, which a [`Replay`] runs through one kernel; [`Footprint`] tells what kernels and buffers amount to. Only
+//! session and replay touch [`crate::gpu`].
 
 mod dump;
+mod footprint;
 mod megakernel;
 mod plan;
 mod prepare;
@@ -14,8 +16,9 @@ mod settings;
 mod wavefront;
 
 pub use dump::QueuedRays;
+pub use footprint::{FeatureCost, Footprint, feature_costs};
 pub use plan::{Plan, SampleRange, Tile};
-pub use prepare::{Features, Normalisation, PrepareError, PreparedScene};
+pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
 pub use replay::{Replay, ReplayOutcome, distances};
 pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
-pub use settings::{MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Scheduler, Settings, SettingsError, Sort};
+pub use settings::{Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Scheduler, Settings, SettingsError, Sort, Traversal};

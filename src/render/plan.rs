@@ -217,6 +217,9 @@ mod tests {
             sort: Sort::None,
             paths_per_invocation: None,
             fast_math: false,
+            fetch: None,
+            tuned: false,
+            specialize: true,
         }
     }
 

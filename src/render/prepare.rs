@@ -1,5 +1,7 @@
 //! The scene as the kernels read it: normalised, in leaf order, with only what it requires.
 
+use std::collections::HashSet;
+
 use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
@@ -8,7 +10,7 @@ use super::settings::{Settings, Sort};
 use crate::alias::alias_table;
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
-use crate::layout::{self, AliasCell, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
+use crate::layout::{AliasCell, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
 use crate::scene::{self, Environment, EnvironmentMap, Integrator, Scene, Surface};
 
 /// A scene that the kernels cannot hold.
@@ -60,13 +62,15 @@ pub struct PreparedScene {
     frame: Frame,
 }
 
-/// What a scene needs: all else is left out of its kernels.
+/// What a scene needs: all else is left out of its kernels. Materials count where a triangle has them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Features {
     /// One of `ENVIRONMENT_*`.
     pub environment: u32,
     /// Some triangle emits.
     pub lights: bool,
+    /// Some material has a diffuse or Phong part.
+    pub glossy: bool,
     /// Some material has a Phong lobe.
     pub phong: bool,
     /// Some material is a mirror.
@@ -82,6 +86,80 @@ pub struct Features {
     /// The camera has a lens.
     pub lens: bool,
 }
+
+impl Features {
+    /// Every one.
+    pub const ALL: Self = Self {
+        environment: ENVIRONMENT_ANY,
+        lights: true,
+        glossy: true,
+        phong: true,
+        mirror: true,
+        refractive: true,
+        dielectric: true,
+        textures: true,
+        normals: true,
+        lens: true,
+    };
+
+    fn of(scene: &Scene) -> Self {
+        let used = used_materials(scene);
+        let any = |test: &dyn Fn(&scene::Material) -> bool| {
+            scene.materials.iter().zip(&used).any(|(material, used)| *used && test(material))
+        };
+        let is = |surface| any(&|m| !m.is_emitter() && m.surface == surface);
+        Self {
+            environment: match scene.environment {
+                Environment::Black => ENVIRONMENT_BLACK,
+                Environment::Constant(_) => ENVIRONMENT_CONSTANT,
+                Environment::LatLong(_) => ENVIRONMENT_LAT_LONG,
+            },
+            lights: any(&|m| m.is_emitter()),
+            glossy: is(Surface::Glossy),
+            phong: any(&|m| !m.is_emitter() && m.surface == Surface::Glossy && m.ks.max_element() > 0.0),
+            mirror: is(Surface::Mirror),
+            refractive: is(Surface::Refractive),
+            dielectric: is(Surface::Dielectric),
+            // A lamp shows no texture.
+            textures: any(&|m| !m.is_emitter() && m.map_kd.is_some()),
+            normals: scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE),
+            lens: scene.camera.aperture > 0.0,
+        }
+    }
+
+    fn scatters(&self) -> bool {
+        self.glossy || self.mirror || self.refractive || self.dielectric
+    }
+}
+
+/// Whether some triangle has a material, for each.
+fn used_materials(scene: &Scene) -> Vec<bool> {
+    let mut used = vec![false; scene.materials.len()];
+    for triangle in &scene.mesh.triangles {
+        used[triangle.material as usize] = true;
+    }
+    used
+}
+
+/// What a render needs of its kernels: features of the scene, and of the settings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Needs {
+    /// What the scene has.
+    pub features: Features,
+    /// Paths go on from surfaces.
+    pub scatters: bool,
+    /// Paths end at a bounce.
+    pub bounded: bool,
+    /// Paths may end at any vertex.
+    pub roulette: bool,
+    /// Vertices send shadow rays.
+    pub shadows: bool,
+    /// Entries of the traversal stack.
+    pub stack_size: u32,
+}
+
+/// Entries of the traversal stack of kernels that know nothing of the BVH's depth: it is rarely above.
+const ANY_STACK_SIZE: u32 = 64;
 
 /// From world to normalised space: bounds to [-1, 1]³, by a power of two so that it is exact.
 #[derive(Debug, Clone, Copy)]
@@ -149,34 +227,16 @@ impl PreparedScene {
             .collect();
         let (lights, light_area) = lights_of(scene, &bvh, &corners)?;
 
-        let has_textures = scene.materials.iter().any(|material| material.map_kd.is_some());
-        let (textures, headers) = if has_textures { pack_textures(&scene.textures) } else { Default::default() };
+        let features = Features::of(scene);
+        let (textures, headers) = if features.textures { pack_textures(scene) } else { Default::default() };
         let (environment, environment_aliases) = match &scene.environment {
             Environment::LatLong(map) => pack_environment(map)?,
             Environment::Black | Environment::Constant(_) => Default::default(),
         };
-        let is = |surface| scene.materials.iter().any(|m| !m.is_emitter() && m.surface == surface);
-        let features = Features {
-            environment: match scene.environment {
-                Environment::Black => ENVIRONMENT_BLACK,
-                Environment::Constant(_) => ENVIRONMENT_CONSTANT,
-                Environment::LatLong(_) => ENVIRONMENT_LAT_LONG,
-            },
-            lights: !lights.is_empty(),
-            phong: scene
-                .materials
-                .iter()
-                .any(|m| !m.is_emitter() && m.surface == Surface::Glossy && m.ks.max_element() > 0.0),
-            mirror: is(Surface::Mirror),
-            refractive: is(Surface::Refractive),
-            dielectric: is(Surface::Dielectric),
-            textures: has_textures,
-            normals: mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE),
-            lens: scene.camera.aperture > 0.0,
-        };
         let mut frame = camera_frame(&scene.camera, &normalisation);
         frame.light_count = lights.len() as u32;
         frame.light_area = light_area as f32;
+        frame.environment = features.environment;
         match &scene.environment {
             Environment::Constant(radiance) => frame.environment_radiance = radiance.to_array(),
             Environment::LatLong(map) => {
@@ -190,7 +250,7 @@ impl PreparedScene {
             materials: scene.materials.iter().map(|m| pack_material(m, &headers)).collect(),
             lights,
             normals: if features.normals { pack_normals(mesh) } else { Vec::new() },
-            texture_coordinates: if has_textures { pack_coordinates(mesh) } else { Vec::new() },
+            texture_coordinates: if features.textures { pack_coordinates(mesh) } else { Vec::new() },
             textures,
             environment,
             environment_aliases,
@@ -228,7 +288,7 @@ impl PreparedScene {
 
     /// Entries of the traversal stack: each inner node on the way down leaves one at most. Of a wide
     /// tree it is the siblings of the node that comes next, and the last level has none.
-    pub fn stack_size(&self) -> u32 {
+    fn stack_size(&self) -> u32 {
         match self.bvh.kind {
             BvhKind::List => 0,
             BvhKind::Bvh2 => self.bvh.depth,
@@ -236,20 +296,62 @@ impl PreparedScene {
         }
     }
 
-    /// Bytes of the traversal stacks of `paths` at once, beyond what stays in registers.
-    pub fn stack_bytes(&self, paths: u32) -> u64 {
-        let blocks = self.stack_size().saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK);
-        u64::from(blocks) * u64::from(paths) * u64::from(4 * STACK_BLOCK)
+    /// What the kernels of a render are built for: what it needs or, without specialization, all there is.
+    pub fn needs(&self, settings: &Settings) -> Needs {
+        if settings.specialize {
+            Needs::of(self.features, settings, self.stack_size())
+        } else {
+            Needs { stack_size: self.stack_size().max(ANY_STACK_SIZE), ..Needs::ALL }
+        }
     }
 
     /// Specialization constants by id.
     pub fn specialization(&self, settings: &Settings, plan: &Plan) -> Vec<u32> {
-        let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
-            self.features;
-        let mut constants = vec![0; SPEC_LISTED_TRIANGLES as usize];
+        let mut constants = self.needs(settings).specialization(settings, plan, self.bvh.kind);
+        if self.bvh.kind == BvhKind::List {
+            constants[SPEC_LISTED_COUNT as usize] = self.triangles.len() as u32;
+            constants.resize(SPEC_LISTED_TRIANGLES as usize, 0);
+            let vertices = self.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]);
+            constants.extend(vertices.flatten().map(f32::to_bits));
+        }
+        constants
+    }
+}
+
+impl Needs {
+    /// Everything, but for the depth of a BVH.
+    pub const ALL: Self = Self {
+        features: Features::ALL,
+        scatters: true,
+        bounded: true,
+        roulette: true,
+        shadows: true,
+        stack_size: ANY_STACK_SIZE,
+    };
+
+    /// What a render needs of a scene of such features, whose BVH asks for such a stack.
+    pub fn of(features: Features, settings: &Settings, stack_size: u32) -> Self {
+        let scatters = features.scatters() && settings.max_bounces != Some(0);
+        let lit = features.lights || features.environment != ENVIRONMENT_BLACK;
+        Self {
+            features,
+            scatters,
+            bounded: settings.max_bounces.is_some(),
+            roulette: settings.roulette > 0.0,
+            shadows: scatters && features.glossy && lit && settings.integrator == Integrator::Explicit,
+            stack_size,
+        }
+    }
+
+    /// Specialization constants by id.
+    pub fn specialization(&self, settings: &Settings, plan: &Plan, bvh: BvhKind) -> Vec<u32> {
+        let Self { features, scatters, bounded, roulette, shadows, stack_size } = *self;
+        let Features { environment, lights, glossy, phong, mirror, refractive, dielectric, textures, normals, lens } =
+            features;
+        let mut constants = vec![0; SPEC_COUNT as usize];
         for (id, value) in [
             (SPEC_WORKGROUP_SIZE, plan.workgroup_size),
-            (SPEC_STACK_SIZE, self.stack_size()),
+            (SPEC_STACK_SIZE, stack_size),
             (
                 SPEC_INTEGRATOR,
                 match settings.integrator {
@@ -266,21 +368,26 @@ impl PreparedScene {
             (SPEC_HAS_TEXTURES, textures.into()),
             (SPEC_HAS_NORMALS, normals.into()),
             (SPEC_HAS_LENS, lens.into()),
-            (SPEC_HAS_ROULETTE, (settings.roulette > 0.0).into()),
+            (SPEC_HAS_ROULETTE, roulette.into()),
+            (SPEC_HAS_GLOSSY, glossy.into()),
+            (SPEC_SCATTERS, scatters.into()),
+            (SPEC_BOUNDED, bounded.into()),
+            (SPEC_CASTS_SHADOWS, shadows.into()),
             (SPEC_SHADING_COST, settings.shading_cost),
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
-            (SPEC_BVH_WIDTH, self.bvh.kind.width()),
-            (SPEC_LISTED_COUNT, if self.bvh.kind == BvhKind::List { self.triangles.len() as u32 } else { 0 }),
+            (SPEC_BVH_WIDTH, bvh.width()),
             (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
         ] {
             constants[id as usize] = value;
         }
-        if self.bvh.kind == BvhKind::List {
-            let vertices = self.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]);
-            constants.extend(vertices.flatten().map(f32::to_bits));
-        }
         constants
+    }
+
+    /// Bytes of the traversal stacks of `paths` at once, beyond what stays in registers.
+    pub fn stack_bytes(&self, paths: u32) -> u64 {
+        let blocks = self.stack_size.saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK);
+        u64::from(blocks) * u64::from(paths) * u64::from(4 * STACK_BLOCK)
     }
 }
 
@@ -392,14 +499,19 @@ fn pack_coordinates(mesh: &scene::Mesh) -> Vec<Vec2> {
     mesh.triangles.iter().flat_map(|triangle| triangle.uvs.iter().map(corner).collect::<Vec<_>>()).collect()
 }
 
-/// All images in one buffer, and where each begins.
-fn pack_textures(textures: &[scene::Texture]) -> (Vec<[u32; 2]>, Vec<u32>) {
+/// All images that some triangle shows in one buffer, and where each begins.
+fn pack_textures(scene: &Scene) -> (Vec<[u32; 2]>, Vec<u32>) {
+    let shown: HashSet<u32> = (scene.materials.iter().zip(used_materials(scene)))
+        .filter_map(|(material, used)| material.map_kd.filter(|_| used))
+        .collect();
     let mut words = Vec::new();
     let mut headers = Vec::new();
-    for texture in textures {
+    for (texture, number) in scene.textures.iter().zip(0..) {
         headers.push(words.len() as u32);
-        words.push([texture.width, texture.height]);
-        words.extend(bytemuck::cast_slice::<_, [u32; 2]>(&texture.texels));
+        if shown.contains(&number) {
+            words.push([texture.width, texture.height]);
+            words.extend(bytemuck::cast_slice::<_, [u32; 2]>(&texture.texels));
+        }
     }
     (words, headers)
 }
@@ -442,20 +554,37 @@ fn pack_environment(map: &EnvironmentMap) -> Result<(Vec<EnvironmentTexel>, Vec<
     Ok((texels, alias_table(&weights)))
 }
 
+/// Data of a scene for a buffer of its name on the device.
+#[derive(Debug, Clone, Copy)]
+pub struct SceneBuffer<'a> {
+    /// Name of the GLSL variable.
+    pub name: &'static str,
+    /// Bytes of the words that kernels read: 8 or 16.
+    pub texel_bytes: u64,
+    /// Its contents; without any it is zeros.
+    pub contents: &'a [u8],
+    /// Bytes, at least a word.
+    pub size: u64,
+}
+
 impl PreparedScene {
-    /// Bytes of the scene's buffers on the device, by role; empty ones are left out.
-    pub fn buffer_bytes(&self) -> Vec<(&'static str, u64)> {
-        let all: [(&'static str, usize); 9] = [
-            ("nodes", size_of_val(&self.bvh.texels[..])),
-            ("triangles", size_of_val(&self.triangles[..])),
-            ("materials", size_of_val(&self.materials[..])),
-            ("lights", size_of_val(&self.lights[..])),
-            ("normals", size_of_val(&self.normals[..])),
-            ("texture_coordinates", size_of_val(&self.texture_coordinates[..])),
-            ("textures", size_of_val(&self.textures[..])),
-            ("environment", size_of_val(&self.environment[..])),
-            ("environment_aliases", size_of_val::<[layout::AliasCell]>(&self.environment_aliases)),
-        ];
-        all.into_iter().filter(|(_, bytes)| *bytes > 0).map(|(name, bytes)| (name, bytes as u64)).collect()
+    /// The scene's buffers. What the scene has no data for is one word or, without specialization, as
+    /// long as if each triangle had some.
+    pub fn buffers(&self, specialize: bool) -> [SceneBuffer<'_>; 9] {
+        let triangles = if specialize { 1 } else { self.triangles.len() as u64 };
+        fn buffer<'a>(name: &'static str, texel_bytes: u64, contents: &'a [u8], least: u64) -> SceneBuffer<'a> {
+            SceneBuffer { name, texel_bytes, contents, size: (contents.len() as u64).max(least) }
+        }
+        [
+            buffer("nodes", 16, bytemuck::cast_slice(&self.bvh.texels), 16),
+            buffer("triangles", 16, bytemuck::cast_slice(&self.triangles), 16),
+            buffer("materials", 16, bytemuck::cast_slice(&self.materials), 16),
+            buffer("lights", 16, bytemuck::cast_slice(&self.lights), 16),
+            buffer("normals", 16, bytemuck::cast_slice(&self.normals), 16 * triangles),
+            buffer("texture_coordinates", 8, bytemuck::cast_slice(&self.texture_coordinates), 3 * 8 * triangles),
+            buffer("textures", 8, bytemuck::cast_slice(&self.textures), 8),
+            buffer("environment", 16, bytemuck::cast_slice(&self.environment), 16),
+            buffer("environment_aliases", 8, bytemuck::cast_slice(&self.environment_aliases), 8),
+        ]
     }
 }

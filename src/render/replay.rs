@@ -112,7 +112,7 @@ impl<'a> Replay<'a> {
         options: SessionOptions,
     ) -> Result<Self, RenderError> {
         let total = rays.len() as u64 * u64::from(repeat);
-        let plan = Plan::of_replay(settings, &limits(device), total, scene.stack_bytes(1));
+        let plan = Plan::of_replay(settings, &limits(device), total, scene.needs(settings).stack_bytes(1));
         let mut executor = open_executor(device, scene, settings, &plan, &[kernel_of(class)], options)?;
         // A ray lies in the slot of its number.
         let slots = 0..plan.path_capacity;
@@ -186,6 +186,25 @@ impl<'a> Replay<'a> {
             }
         }
         Ok(outcome)
+    }
+
+    /// Traces all rays once and tells how many seconds that took. The answers are not looked at: [`Replay::run`] checks
+    /// them.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn round(&mut self) -> Result<f64, RenderError> {
+        let mut seconds = 0.0;
+        for part in self.parts() {
+            self.load(&part)?;
+            seconds += self.launch((part.end - part.start) as u32)?.0;
+        }
+        Ok(seconds)
+    }
+
+    /// Bytes of device memory.
+    pub fn memory_bytes(&self) -> u64 {
+        self.executor.memory_bytes()
     }
 
     /// A round's rays by launches.

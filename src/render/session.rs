@@ -8,8 +8,8 @@ use glam::DVec3;
 use thiserror::Error;
 
 use super::plan::{DeviceLimits, Plan, SampleRange, Tile};
-use super::prepare::{PrepareError, PreparedScene};
-use super::settings::{Scheduler, Settings, Sort};
+use super::prepare::{Needs, PrepareError, PreparedScene, SceneBuffer};
+use super::settings::{Fetch, Scheduler, Settings, Sort};
 use super::{megakernel, wavefront};
 use crate::bvh::BvhKind;
 use crate::constants::{COUNTED_BOUNCES, STAGES};
@@ -163,6 +163,8 @@ pub struct Session {
     pub(super) executor: Executor,
     pub(super) plan: Plan,
     pub(super) settings: Settings,
+    /// Whether vertices send shadow rays.
+    pub(super) shadows: bool,
     bvh: BvhKind,
     counting: bool,
 }
@@ -189,12 +191,10 @@ impl Session {
         let limits = limits(device);
         let max_film_bytes = options.film_bytes.unwrap_or(limits.max_film_bytes);
         let plan = Plan::new(settings, scene.bvh.depth, &DeviceLimits { max_film_bytes, ..limits });
-        let names = match settings.scheduler {
-            Scheduler::Wavefront => wavefront::kernels(settings.sort),
-            Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
-        };
+        let names = kernels(settings, &scene.needs(settings));
         let executor = open_executor(device, scene, settings, &plan, &names, options)?;
-        Ok(Self { executor, plan, settings: *settings, bvh: scene.bvh.kind, counting: options.counting })
+        let shadows = scene.needs(settings).shadows;
+        Ok(Self { executor, plan, settings: *settings, shadows, bvh: scene.bvh.kind, counting: options.counting })
     }
 
     /// Time that the driver took to build each kernel, by name.
@@ -305,7 +305,7 @@ impl Session {
         let mut bounce = 0;
         loop {
             let end = vertices.min(bounce + BOUNCES_AT_ONCE);
-            wavefront::advance(&mut recording, self.settings.sort, range, bounce..end);
+            wavefront::advance(&mut recording, self.settings.sort, self.shadows, range, bounce..end);
             bounce = end;
             if bounce == vertices {
                 break;
@@ -385,6 +385,14 @@ impl Session {
     }
 }
 
+/// Kernels of a render.
+pub(super) fn kernels(settings: &Settings, needs: &Needs) -> Vec<&'static str> {
+    match settings.scheduler {
+        Scheduler::Wavefront => wavefront::kernels(settings.sort, needs.shadows),
+        Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
+    }
+}
+
 /// What a plan must know of a device.
 pub(super) fn limits(device: &Device) -> DeviceLimits {
     let description = device.description();
@@ -411,6 +419,7 @@ pub(super) fn open_executor(
         (false, true) => Edition::FastMath,
         (false, false) => Edition::Exact,
     };
+    let access = settings.fetch.map(|fetch| Access { texel_fetch: fetch == Fetch::Texel, subgroup_ballot: true });
     let frame = scene.frame(settings, plan.path_capacity);
     let kernels: Vec<_> = names.iter().map(|name| shaders::kernel(name)).collect();
     Executor::new(
@@ -418,11 +427,10 @@ pub(super) fn open_executor(
         ExecutorDescription {
             kernels: &kernels,
             specialization: &scene.specialization(settings, plan),
-            buffers: scene_buffers(scene, &frame)
-                .chain(path_buffers(plan, settings.sort, scene.stack_bytes(plan.path_capacity)))
-                .filter(|buffer| kernels.iter().any(|kernel| kernel.binds(edition, buffer.name)))
+            buffers: scene_buffers(scene, settings, &frame)
+                .chain(path_buffers(plan, settings.sort, &scene.needs(settings)))
                 .collect(),
-            access: options.access,
+            access: options.access.or(access),
             edition,
         },
     )
@@ -433,55 +441,54 @@ fn scattered_rays(counts: &[RayCount]) -> (u64, u64) {
     (counts.iter().skip(1).map(RayCount::rays).sum(), counts.iter().map(RayCount::shadow_rays).sum())
 }
 
-/// Buffers that the scene fills. A buffer that the scene does not need is one zero record: the
-/// kernels that could read it leave that code out.
-pub fn scene_buffers<'a>(scene: &'a PreparedScene, frame: &'a Frame) -> impl Iterator<Item = BufferRole<'a>> {
+/// Buffers that the scene fills.
+pub fn scene_buffers<'a>(
+    scene: &'a PreparedScene,
+    settings: &Settings,
+    frame: &'a Frame,
+) -> impl Iterator<Item = BufferRole<'a>> {
     let bytes = bytemuck::cast_slice::<Frame, u8>(std::slice::from_ref(frame));
     let uniform =
         BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
-    let data = |name, texel_bytes, contents: &'a [u8]| BufferRole {
+    let data = |SceneBuffer { name, texel_bytes, contents, size }| BufferRole {
         name,
         usage: BufferUse::Scene { texel_bytes },
-        size: (contents.len() as u64).max(texel_bytes),
+        size,
         contents: (!contents.is_empty()).then_some(contents),
     };
+    std::iter::once(uniform).chain(scene.buffers(settings.specialize).into_iter().map(data))
+}
+
+/// Buffers with a record for each path in flight: bytes of a record.
+pub(super) fn path_records(sort: Sort, needs: &Needs) -> [(&'static str, u64); 11] {
     [
-        uniform,
-        data("nodes", 16, bytemuck::cast_slice(&scene.bvh.texels)),
-        data("triangles", 16, bytemuck::cast_slice(&scene.triangles)),
-        data("materials", 16, bytemuck::cast_slice(&scene.materials)),
-        data("lights", 16, bytemuck::cast_slice(&scene.lights)),
-        data("normals", 16, bytemuck::cast_slice(&scene.normals)),
-        data("texture_coordinates", 8, bytemuck::cast_slice(&scene.texture_coordinates)),
-        data("textures", 8, bytemuck::cast_slice(&scene.textures)),
-        data("environment", 16, bytemuck::cast_slice(&scene.environment)),
-        data("environment_aliases", 8, bytemuck::cast_slice(&scene.environment_aliases)),
+        // Two halves, but for paths that go on nowhere.
+        ("ray_queue", if needs.scatters { 8 } else { 4 }),
+        ("ray_origins", 16),
+        ("ray_directions", 16),
+        ("throughputs", 16),
+        ("radiances", 16),
+        ("hits", 16),
+        ("shadow_origins", 16),
+        ("shadow_directions", 16),
+        ("shadow_radiances", 16),
+        ("stack_blocks", needs.stack_bytes(1)),
+        ("sorted_rays", if sort == Sort::None { 0 } else { 4 }),
     ]
-    .into_iter()
 }
 
 /// Buffers of the paths in flight and of the film.
-fn path_buffers<'a>(plan: &Plan, sort: Sort, stack_bytes: u64) -> impl Iterator<Item = BufferRole<'a>> {
-    let slots = u64::from(plan.path_capacity);
-    let sorted_slots = if sort == Sort::None { 1 } else { slots };
+fn path_buffers<'a>(plan: &Plan, sort: Sort, needs: &Needs) -> impl Iterator<Item = BufferRole<'a>> {
     let state = |name, size| BufferRole { name, usage: BufferUse::State, size, contents: None };
-    [
+    let slots = u64::from(plan.path_capacity);
+    // Kernels that do not sort bind one entry of the sorted queue, and never read it.
+    let records = path_records(sort, needs).map(|(name, bytes)| state(name, (bytes * slots).max(16)));
+    let shared = [
         state("control", size_of::<Control>() as u64),
-        state("ray_queue", 2 * 4 * slots),
-        state("ray_origins", 16 * slots),
-        state("ray_directions", 16 * slots),
-        state("throughputs", 16 * slots),
-        state("radiances", 16 * slots),
-        state("hits", 16 * slots),
-        state("shadow_origins", 16 * slots),
-        state("shadow_directions", 16 * slots),
-        state("shadow_radiances", 16 * slots),
-        state("stack_blocks", stack_bytes.max(16)),
-        state("sorted_rays", 4 * sorted_slots),
         state("bins", size_of::<Bins>() as u64),
         state("work_counts", u64::from(STAGES * COUNTED_BOUNCES) * size_of::<WorkCount>() as u64),
         state("ray_counts", u64::from(COUNTED_BOUNCES) * size_of::<RayCount>() as u64),
         state("film", plan.film_bytes()),
-    ]
-    .into_iter()
+    ];
+    records.into_iter().chain(shared)
 }

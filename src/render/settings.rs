@@ -76,6 +76,41 @@ pub struct Settings {
     /// Whether the driver may fuse and reorder arithmetic. The image is then no longer the same to
     /// the last bit between schedulers.
     pub fast_math: bool,
+    /// How kernels read the scene's buffers; `None` leaves it to the device.
+    pub fetch: Option<Fetch>,
+    /// Whether a tuning chose some of what the user left open. For the record: what it chose stands
+    /// in the settings themselves.
+    pub tuned: bool,
+    /// Whether kernels and buffers are for this scene alone. Without, they are for any, and the image
+    /// is the same.
+    pub specialize: bool,
+}
+
+/// How kernels read the scene's buffers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Fetch {
+    /// As texel buffers, where the scene is not too large for the device's.
+    Texel,
+    /// As storage buffers.
+    Storage,
+}
+
+/// How rays are traced: what a tuning chooses. Whatever it is, the image stays the same to the last bit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Traversal {
+    /// Shape of the BVH.
+    pub bvh: BvhKind,
+    /// How kernels read the scene's buffers.
+    pub fetch: Fetch,
+    /// Invocations of a workgroup.
+    pub workgroup_size: u32,
+}
+
+impl Traversal {
+    /// What all kernels of a render share, whatever rays they trace: today all of it.
+    pub fn shared(&self) -> Self {
+        *self
+    }
 }
 
 /// The order in which the wavefront shades.
@@ -116,6 +151,9 @@ impl Settings {
             sort: Sort::None,
             paths_per_invocation: None,
             fast_math: false,
+            fetch: None,
+            tuned: false,
+            specialize: true,
         }
     }
 

@@ -9,12 +9,14 @@ use crate::layout::Control;
 use crate::recording::Recording;
 
 /// Kernels that the recordings name.
-pub fn kernels(sort: Sort) -> Vec<&'static str> {
+pub fn kernels(sort: Sort, shadows: bool) -> Vec<&'static str> {
     let sorting: &[&str] = match sort {
         Sort::None => &[],
         Sort::Material => &["count_bins", "place_bins", "sort_rays"],
     };
-    ["generate", "extend", "shade", "connect", "prepare_dispatch", "resolve"].iter().chain(sorting).copied().collect()
+    let connecting: &[&str] = if shadows { &["connect"] } else { &[] };
+    let all = ["generate", "extend", "shade", "prepare_dispatch", "resolve"];
+    all.iter().chain(connecting).chain(sorting).copied().collect()
 }
 
 /// Starts a batch: a path in every slot.
@@ -25,7 +27,7 @@ pub fn begin(recording: &mut Recording, plan: &Plan, range: SampleRange) {
 }
 
 /// Takes every path through the bounces: find the next vertex, shade it, gather its light.
-pub fn advance(recording: &mut Recording, sort: Sort, range: SampleRange, bounces: Range<u32>) {
+pub fn advance(recording: &mut Recording, sort: Sort, shadows: bool, range: SampleRange, bounces: Range<u32>) {
     for bounce in bounces {
         let batch = range.at_bounce(bounce);
         recording.dispatch_indirect("extend", offset_of!(Control, ray_groups), batch);
@@ -36,7 +38,9 @@ pub fn advance(recording: &mut Recording, sort: Sort, range: SampleRange, bounce
         }
         recording.dispatch_indirect("shade", offset_of!(Control, ray_groups), batch);
         recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
-        recording.dispatch_indirect("connect", offset_of!(Control, shadow_groups), batch);
+        if shadows {
+            recording.dispatch_indirect("connect", offset_of!(Control, shadow_groups), batch);
+        }
     }
 }
 

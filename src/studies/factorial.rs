@@ -81,10 +81,22 @@ pub const FACTORS: &[FactorKind] = &[
         meaning: "shape of the BVH",
     },
     FactorKind {
+        name: "fetch",
+        role: Role::Schedule,
+        levels: Levels::Named(&["texel", "storage"]),
+        meaning: "how kernels read the scene",
+    },
+    FactorKind {
         name: "sort",
         role: Role::Schedule,
         levels: Levels::Named(&["none", "material"]),
         meaning: "order of shading",
+    },
+    FactorKind {
+        name: "specialize",
+        role: Role::Schedule,
+        levels: Levels::Named(&["off", "on"]),
+        meaning: "kernels and buffers for this scene alone",
     },
     FactorKind {
         name: "fast-math",

@@ -22,6 +22,6 @@ pub use measurement::{
     BounceRow, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts, StageWork,
     WorkCounters,
 };
-pub use noise::{modified_z_scores, outliers, rank_correlation, trend};
+pub use noise::{modified_z_scores, outliers, rank_correlation, shuffle, trend};
 pub use runner::{Event, Listener, Rounds, Study};
 pub use validity::{Contract, Verdict, judge};

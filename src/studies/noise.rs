@@ -65,7 +65,7 @@ pub fn trend(values: &[f64]) -> (f64, f64) {
 
 /// Puts a list into a random order, every order as likely as any other (Fisher and Yates; Knuth,
 /// TAOCP 2, algorithm P).
-pub(super) fn shuffle<T>(list: &mut [T], random: &mut SplitMix64) {
+pub fn shuffle<T>(list: &mut [T], random: &mut SplitMix64) {
     for i in (1..list.len()).rev() {
         list.swap(i, random.next_index(i + 1));
     }

@@ -44,6 +44,9 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         sort: Sort::None,
         paths_per_invocation: None,
         fast_math: false,
+        fetch: None,
+        tuned: false,
+        specialize: true,
     }
 }
 

@@ -31,8 +31,11 @@ pub fn assert_silent(device: &Device) {
 /// Renders and checks that validation is silent and no sample was lost.
 pub fn render_on(device: &Device, scene: &Scene, settings: &Settings) -> Outcome {
     settings.validate().expect("the settings make sense");
-    let prepared =
-        PreparedScene::with_bvh(scene, settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len())).expect("the scene fits");
+    let prepared = PreparedScene::with_bvh(
+        scene,
+        settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()),
+    )
+    .expect("the scene fits");
     let mut session = Session::new(device, &prepared, settings).expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
     drop(session);

@@ -60,12 +60,12 @@ impl Bench {
         let probe_buffers = [
             state("probe_inputs", input_bytes.len() as u64, Some(input_bytes)),
             state("probe_outputs", output_size as u64, None),
-            state("stack_blocks", self.scene.stack_bytes(items).max(16), None),
+            state("stack_blocks", self.scene.needs(&self.settings).stack_bytes(items).max(16), None),
         ];
         let description = ExecutorDescription {
             kernels: &[kernel],
             specialization: &self.scene.specialization(&self.settings, &plan),
-            buffers: scene_buffers(&self.scene, &frame).chain(probe_buffers).collect(),
+            buffers: scene_buffers(&self.scene, &self.settings, &frame).chain(probe_buffers).collect(),
             access: self.access,
             edition: Edition::Exact,
         };
@@ -108,6 +108,15 @@ pub fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {
 /// A triangle for probes that need no scene.
 pub fn any_scene() -> Scene {
     scene_of(&[[DVec3::ZERO, DVec3::X, DVec3::Y]])
+}
+
+/// A scene of these materials, each on a triangle: kernels know those that are used.
+pub fn scene_of_materials(materials: Vec<Material>) -> Scene {
+    let mut scene = scene_of(&vec![[DVec3::ZERO, DVec3::X, DVec3::Y]; materials.len()]);
+    for (triangle, material) in scene.mesh.triangles.iter_mut().zip(0..) {
+        triangle.material = material;
+    }
+    Scene { materials, ..scene }
 }
 
 /// Lambert of reflectance one half.

@@ -1,6 +1,10 @@
 //! The kernel table that `build.rs` writes: SPIR-V and what was read from it.
 //!
-//! Pure data: it knows nothing of Vulkan objects.
+//! Data, and what specialization constants leave of it: it knows nothing of Vulkan objects.
+
+mod specialize;
+
+pub use specialize::Specialized;
 
 /// A compute kernel in every variant that it is built in.
 #[derive(Debug)]
@@ -36,11 +40,6 @@ impl Kernel {
     /// The build for that use: `build.rs` lists them by edition, then by access.
     pub fn variant(&self, edition: Edition, access: Access) -> &'static Variant {
         &self.variants[4 * edition as usize + usize::from(access.texel_fetch) + 2 * usize::from(access.subgroup_ballot)]
-    }
-
-    /// Whether that edition of the kernel uses the buffer of that GLSL name.
-    pub fn binds(&self, edition: Edition, name: &str) -> bool {
-        self.variants[4 * edition as usize].bindings.iter().any(|binding| binding.name == name)
     }
 }
 

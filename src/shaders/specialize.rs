@@ -1,0 +1,227 @@
+//! What is left of a kernel once its specialization constants are known.
+//!
+//! Drivers drop the code that a constant rules out, but a buffer that only such code uses must still
+//! be bound: to Vulkan it is part of the kernel. So it is taken out here, and what it costs is known
+//! without a driver.
+
+use std::collections::{HashMap, HashSet};
+
+use rspirv::binary::Assemble;
+use rspirv::dr::{Block, Instruction, Module, Operand};
+use rspirv::spirv::{Decoration, Op};
+
+use super::{Binding, Variant};
+
+/// A build of a kernel for certain constants.
+#[derive(Debug)]
+pub struct Specialized {
+    /// SPIR-V words, with the constants still to be set.
+    pub words: Vec<u32>,
+    /// What it binds, sorted by set and binding.
+    pub bindings: Vec<Binding>,
+    /// Bytes of push constants that it declares; 0 for none.
+    pub push_constant_size: u32,
+    /// Instructions of blocks that can run.
+    pub instructions: usize,
+}
+
+impl Variant {
+    /// Takes out what `constants`, by id, keep from running.
+    ///
+    /// # Panics
+    /// When the SPIR-V is not what `build.rs` made.
+    pub fn specialize(&self, constants: &[u32]) -> Specialized {
+        let words: Vec<u32> = bytemuck::pod_collect_to_vec(self.spirv);
+        let mut module = rspirv::dr::load_words(&words).expect("build.rs has read this SPIR-V");
+        let live = live_blocks(&module, constants);
+        let is_live = |block: &Block| live.contains(&label(block));
+
+        let mut used = HashSet::new();
+        let mut instructions = 0;
+        for block in module.functions.iter().flat_map(|function| &function.blocks).filter(|block| is_live(block)) {
+            let code = block.instructions.iter().filter(|i| !matches!(i.class.opcode, Op::Line | Op::NoLine));
+            instructions += code.clone().count();
+            used.extend(code.flat_map(|instruction| instruction.operands.iter().filter_map(Operand::id_ref_any)));
+        }
+        let mut bindings = self.bindings.to_vec();
+        for (variable, place) in variables(&module) {
+            if !used.contains(&variable) && bindings.iter().any(|binding| (binding.set, binding.binding) == place) {
+                bindings.retain(|binding| (binding.set, binding.binding) != place);
+                remove(&mut module, variable);
+            }
+        }
+        Specialized { words: module.assemble(), bindings, push_constant_size: self.push_constant_size, instructions }
+    }
+}
+
+fn label(block: &Block) -> u32 {
+    block.label.as_ref().and_then(|label| label.result_id).expect("a block has a label")
+}
+
+/// Variables that are bound, with set and binding.
+fn variables(module: &Module) -> Vec<(u32, (u32, u32))> {
+    let [sets, places] = [Decoration::DescriptorSet, Decoration::Binding].map(|which| decorations(module, which));
+    sets.into_iter().filter_map(|(id, set)| Some((id, (set, *places.get(&id)?)))).collect()
+}
+
+/// The number that a decoration gives each id that has it.
+fn decorations(module: &Module, wanted: Decoration) -> HashMap<u32, u32> {
+    let value = |i: &Instruction| match (&i.operands[..], i.class.opcode) {
+        ([Operand::IdRef(id), Operand::Decoration(which), Operand::LiteralBit32(value)], Op::Decorate)
+            if *which == wanted =>
+        {
+            Some((*id, *value))
+        }
+        _ => None,
+    };
+    module.annotations.iter().filter_map(value).collect()
+}
+
+/// Labels of the blocks that can run.
+///
+/// Whole functions at first; what is then known of conditions takes blocks away, and what remains
+/// makes more conditions known.
+fn live_blocks(module: &Module, constants: &[u32]) -> HashSet<u32> {
+    let globals = global_values(module, constants);
+    let mut live: HashSet<u32> = module.functions.iter().flat_map(|function| &function.blocks).map(label).collect();
+    loop {
+        let mut values = globals.clone();
+        let mut reached = HashSet::new();
+        for function in &module.functions {
+            for block in function.blocks.iter().filter(|block| live.contains(&label(block))) {
+                for instruction in &block.instructions {
+                    if let (Some(id), Some(value)) = (instruction.result_id, evaluate(instruction, &values, &live)) {
+                        values.insert(id, value);
+                    }
+                }
+            }
+            let blocks: HashMap<u32, &Block> = function.blocks.iter().map(|block| (label(block), block)).collect();
+            let mut waiting: Vec<u32> = function.blocks.iter().take(1).map(label).collect();
+            while let Some(next) = waiting.pop() {
+                if reached.insert(next) {
+                    waiting.extend(successors(blocks[&next], &values));
+                }
+            }
+        }
+        if reached == live {
+            return live;
+        }
+        live = reached;
+    }
+}
+
+/// Constants by id: 32-bit words, and booleans as 0 and 1.
+fn global_values(module: &Module, constants: &[u32]) -> HashMap<u32, u32> {
+    let ids = decorations(module, Decoration::SpecId);
+    let mut values = HashMap::new();
+    for instruction in &module.types_global_values {
+        let Some(id) = instruction.result_id else { continue };
+        let set = ids.get(&id).map(|place| constants[*place as usize]);
+        let value = match (instruction.class.opcode, instruction.operands.first()) {
+            (Op::ConstantTrue, _) => Some(1),
+            (Op::ConstantFalse, _) => Some(0),
+            (Op::SpecConstantTrue, _) => Some(set.map_or(1, |value| u32::from(value != 0))),
+            (Op::SpecConstantFalse, _) => Some(set.map_or(0, |value| u32::from(value != 0))),
+            (Op::Constant, Some(Operand::LiteralBit32(word))) => Some(*word),
+            (Op::SpecConstant, Some(Operand::LiteralBit32(word))) => Some(set.unwrap_or(*word)),
+            (Op::SpecConstantOp, Some(Operand::LiteralSpecConstantOpInteger(op))) => {
+                fold(*op, &known(&instruction.operands[1..], &values))
+            }
+            _ => None,
+        };
+        values.extend(value.map(|value| (id, value)));
+    }
+    values
+}
+
+/// The value of each operand, as far as it is known.
+fn known(operands: &[Operand], values: &HashMap<u32, u32>) -> Vec<Option<u32>> {
+    operands.iter().map(|operand| values.get(&operand.id_ref_any()?).copied()).collect()
+}
+
+fn evaluate(instruction: &Instruction, values: &HashMap<u32, u32>, live: &HashSet<u32>) -> Option<u32> {
+    if instruction.class.opcode != Op::Phi {
+        return fold(instruction.class.opcode, &known(&instruction.operands, values));
+    }
+    // One value, whichever block came before.
+    let pairs = instruction.operands.chunks_exact(2);
+    let mut incoming = pairs.filter(|pair| pair[1].id_ref_any().is_some_and(|from| live.contains(&from)));
+    let first = values.get(&incoming.next()?[0].id_ref_any()?)?;
+    incoming.all(|pair| pair[0].id_ref_any().and_then(|id| values.get(&id)) == Some(first)).then_some(*first)
+}
+
+/// The result of an operation on what is known of its operands: the operations that conditions on
+/// constants are made of.
+fn fold(op: Op, operands: &[Option<u32>]) -> Option<u32> {
+    let truth = |value: bool| Some(u32::from(value));
+    match (op, operands) {
+        (Op::LogicalAnd, [Some(0), _] | [_, Some(0)]) => Some(0),
+        (Op::LogicalOr, [Some(1), _] | [_, Some(1)]) => Some(1),
+        (Op::LogicalAnd, [Some(a), Some(b)]) => Some(a & b),
+        (Op::LogicalOr, [Some(a), Some(b)]) => Some(a | b),
+        (Op::LogicalNot, [Some(a)]) => truth(*a == 0),
+        (Op::IEqual | Op::LogicalEqual, [Some(a), Some(b)]) => truth(a == b),
+        (Op::INotEqual | Op::LogicalNotEqual, [Some(a), Some(b)]) => truth(a != b),
+        (Op::UGreaterThan, [Some(a), Some(b)]) => truth(a > b),
+        (Op::ULessThan, [Some(a), Some(b)]) => truth(a < b),
+        (Op::UGreaterThanEqual, [Some(a), Some(b)]) => truth(a >= b),
+        (Op::ULessThanEqual, [Some(a), Some(b)]) => truth(a <= b),
+        (Op::Select, [Some(condition), a, b]) => *if *condition != 0 { a } else { b },
+        _ => None,
+    }
+}
+
+/// Blocks that may run after a block.
+fn successors(block: &Block, values: &HashMap<u32, u32>) -> Vec<u32> {
+    let Some(end) = block.instructions.last() else { return Vec::new() };
+    let targets = |operands: &[Operand]| operands.iter().filter_map(Operand::id_ref_any).collect();
+    match (end.class.opcode, &end.operands[..]) {
+        (Op::BranchConditional, [condition, yes, no, ..]) => {
+            match condition.id_ref_any().and_then(|id| values.get(&id)) {
+                Some(0) => targets(std::slice::from_ref(no)),
+                Some(_) => targets(std::slice::from_ref(yes)),
+                None => targets(&[yes.clone(), no.clone()]),
+            }
+        }
+        (Op::Switch, operands) => targets(&operands[1..]),
+        (Op::Branch, operands) => targets(operands),
+        _ => Vec::new(),
+    }
+}
+
+/// Removes a variable that no live code uses. The dead code stays, without it: what it read becomes
+/// undefined.
+fn remove(module: &mut Module, variable: u32) {
+    let opaque: HashSet<u32> = module
+        .types_global_values
+        .iter()
+        .filter(|i| matches!(i.class.opcode, Op::TypePointer | Op::TypeImage | Op::TypeSampledImage))
+        .filter_map(|i| i.result_id)
+        .collect();
+    let mut gone = HashSet::from([variable]);
+    let names = |i: &Instruction, gone: &HashSet<u32>| {
+        i.operands.iter().filter_map(Operand::id_ref_any).any(|id| gone.contains(&id))
+    };
+    for block in module.functions.iter_mut().flat_map(|function| &mut function.blocks) {
+        block.instructions.retain_mut(|instruction| {
+            if !names(instruction, &gone) {
+                return true;
+            }
+            let (Some(result), Some(result_type)) = (instruction.result_id, instruction.result_type) else {
+                return false;
+            };
+            if opaque.contains(&result_type) {
+                gone.insert(result);
+                return false;
+            }
+            *instruction = Instruction::new(Op::Undef, Some(result_type), Some(result), Vec::new());
+            true
+        });
+    }
+    module.types_global_values.retain(|i| i.result_id != Some(variable));
+    module.annotations.retain(|i| !names(i, &gone));
+    module.debug_names.retain(|i| !names(i, &gone));
+    for entry in &mut module.entry_points {
+        entry.operands.retain(|operand| operand.id_ref_any() != Some(variable));
+    }
+}

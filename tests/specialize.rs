@@ -1,0 +1,148 @@
+//! Only what the scene requires: kernels and buffers for one scene and kernels and buffers for any
+//! give the same bits, and what a scene does not need is neither compiled nor bound nor allocated.
+
+mod common;
+
+use std::collections::BTreeSet;
+use std::fs;
+
+use common::{device, gallery, own_scene, project_file, render_on, scene_from};
+use rayon::prelude::*;
+use raywave::render::{Footprint, Outcome, PreparedScene, Scheduler, Settings, feature_costs};
+use raywave::scene::{Integrator, Scene};
+
+/// Every scene of `scenes/` and a small gallery.
+fn all_scenes() -> Vec<Scene> {
+    let entries = fs::read_dir(project_file("scenes")).expect("the folder of scenes is readable");
+    let paths = entries.map(|entry| entry.expect("its entries are readable").path());
+    let own = paths.filter(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    own.map(|path| Scene::load(&path).expect("own scenes load")).chain([gallery(5000)]).collect()
+}
+
+fn small(scene: &Scene) -> Settings {
+    Settings { width: 20, height: 20, samples: 3, in_flight: Some(500), ..Settings::of(scene) }
+}
+
+#[test]
+fn kernels_for_any_scene_give_the_same_bits() {
+    let device = device();
+    let scenes = all_scenes();
+    assert!(scenes.len() > 7, "scenes/ and the gallery");
+    let renders = |scene: &Scene| {
+        let own = small(scene);
+        let explicit = Settings { integrator: Integrator::Explicit, ..own };
+        [
+            explicit,
+            Settings { integrator: Integrator::Implicit, ..own },
+            Settings { scheduler: Scheduler::Megakernel, ..explicit },
+            Settings { scheduler: Scheduler::Megakernel, integrator: Integrator::Implicit, ..own },
+            Settings { max_bounces: None, roulette: 0.3, ..explicit },
+            Settings { max_bounces: Some(0), roulette: 0.0, ..explicit },
+            Settings { max_bounces: Some(0), roulette: 0.0, scheduler: Scheduler::Megakernel, ..own },
+        ]
+    };
+    let cases: Vec<_> = scenes.iter().flat_map(|scene| renders(scene).map(|settings| (scene, settings))).collect();
+    cases.into_par_iter().for_each(|(scene, settings)| {
+        let [own, any] = [true, false].map(|specialize| {
+            let Outcome { film, statistics } = render_on(&device, scene, &Settings { specialize, ..settings });
+            (film.sum, film.sum_of_squares, statistics.bounce_rays, statistics.shadow_rays, statistics.memory_bytes)
+        });
+        let what = format!("{}, {settings:?}", scene.name);
+        assert!(own.0 == any.0 && own.1 == any.1, "{what}: another image");
+        assert_eq!((own.2, own.3), (any.2, any.3), "{what}: other rays");
+        assert!(own.4 < any.4, "{what}: {} bytes are no fewer than {}", own.4, any.4);
+    });
+}
+
+/// Buffers that a render of the scene binds.
+fn bound(scene: &Scene, settings: &Settings) -> BTreeSet<&'static str> {
+    let prepared = PreparedScene::new(scene).expect("the scene fits");
+    let Footprint { scene_bytes, path_bytes, .. } = Footprint::of(&prepared, settings);
+    scene_bytes.iter().chain(&path_bytes).map(|(name, _)| *name).collect()
+}
+
+#[test]
+fn what_a_scene_does_not_need_is_not_bound() {
+    let scene = own_scene("cornell-box");
+    let explicit = small(&scene);
+    let always = ["nodes", "triangles", "materials", "ray_queue", "ray_origins", "ray_directions", "radiances", "hits"];
+    let lights = ["lights", "shadow_origins", "shadow_directions", "shadow_radiances"];
+    let of = |parts: &[&[&'static str]]| parts.concat().into_iter().collect::<BTreeSet<_>>();
+    assert_eq!(bound(&scene, &explicit), of(&[&always, &["throughputs"], &lights]));
+    let implicit = Settings { integrator: Integrator::Implicit, ..explicit };
+    assert_eq!(bound(&scene, &implicit), of(&[&always, &["throughputs"]]));
+    let unlit = Settings { max_bounces: Some(0), ..explicit };
+    assert_eq!(bound(&scene, &unlit), of(&[&always]));
+    let any = Settings { specialize: false, ..explicit };
+    let data = ["normals", "texture_coordinates", "textures", "environment", "environment_aliases"];
+    assert_eq!(bound(&scene, &any), of(&[&always, &["throughputs", "stack_blocks"], &lights, &data]));
+
+    let sky = own_scene("textured-sky");
+    let prepared = PreparedScene::new(&sky).expect("the scene fits");
+    assert!(prepared.features.textures && !prepared.features.lights, "what the scene is for");
+    let names = bound(&sky, &Settings { integrator: Integrator::Explicit, ..small(&sky) });
+    assert!(names.is_superset(&of(&[&["textures", "texture_coordinates", "environment", "environment_aliases"]])));
+    assert!(!names.contains("lights"));
+}
+
+/// A floor, and materials in a file.
+fn floor(mtl: &str) -> Scene {
+    let toml = "[camera]\neye = [0, 1, 0.1]\ntarget = [0, 0, 0]\nvfov = 60\n[[mesh]]\nfile = \"scene.obj\"\n[environment]\nradiance = [1, 1, 1]\n";
+    let obj = "mtllib scene.mtl\nv -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nusemtl floor\nf 4 3 2 1\n";
+    scene_from(toml, obj, mtl)
+}
+
+#[test]
+fn materials_that_no_triangle_has_do_not_count() {
+    let floor_material = "newmtl floor\nKd 0.5 0.5 0.5\n";
+    let plain = PreparedScene::new(&floor(floor_material)).expect("the scene fits").features;
+    let others =
+        "newmtl lamp\nKe 1 1 1\nnewmtl glass\nillum 7\nNi 1.5\nnewmtl shiny\nillum 2\nKd 0 0 0\nKs 1 1 1\nNs 9\n";
+    let features = PreparedScene::new(&floor(&format!("{floor_material}{others}"))).expect("the scene fits").features;
+    assert_eq!(features, plain);
+    assert!(features.glossy && !features.lights && !features.phong && !features.dielectric);
+    let used = PreparedScene::new(&floor("newmtl floor\nillum 7\nNi 1.5\n")).expect("the scene fits").features;
+    assert!(used.dielectric && !used.glossy);
+}
+
+#[test]
+fn surfaces_that_answer_to_one_direction_cast_no_shadow_rays() {
+    let device = device();
+    let scene = floor("newmtl floor\nillum 3\nKs 0.8 0.8 0.8\n");
+    let settings = Settings { integrator: Integrator::Explicit, ..small(&scene) };
+    let prepared = PreparedScene::new(&scene).expect("the scene fits");
+    assert!(prepared.features.mirror && !prepared.needs(&settings).shadows);
+    let outcome = render_on(&device, &scene, &settings);
+    assert_eq!(outcome.statistics.shadow_rays, 0);
+    // A mirror of 0.8 under a sky of 1.
+    let mean = outcome.film.mean();
+    assert!(mean.pixels.iter().any(|pixel| (pixel.x - 0.8).abs() < 1e-5));
+    assert!(!outcome.statistics.passes.keys().any(|(kernel, _)| *kernel == "connect"));
+}
+
+#[test]
+fn features_cost_what_they_add() {
+    let scene = own_scene("cornell-box");
+    let prepared = PreparedScene::new(&scene).expect("the scene fits");
+    let settings = small(&scene);
+    let costs = feature_costs(&prepared, &settings);
+    let cost = |name: &str| costs.iter().find(|cost| cost.feature == name).expect("the feature is listed");
+    let [own, any] = [true, false].map(|specialize| Footprint::of(&prepared, &Settings { specialize, ..settings }));
+    let all = |footprint: &Footprint| footprint.instructions.iter().map(|(_, n)| n).sum::<usize>();
+    assert!(all(&own) < all(&any));
+
+    let textures = cost("textures");
+    assert!(!textures.found);
+    let triangles = prepared.triangles.len() as u64;
+    assert_eq!(textures.scene_bytes, [("texture_coordinates", 24 * triangles), ("textures", 8)]);
+    assert_eq!(textures.instructions.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["shade"]);
+
+    let samples = cost("light samples");
+    assert!(samples.found);
+    let connect = own.instructions.iter().find(|(name, _)| *name == "connect").expect("lamps cast shadows").1;
+    assert!(samples.instructions.contains(&("connect", connect)));
+    assert_eq!(samples.path_bytes.iter().map(|(_, bytes)| bytes).sum::<u64>(), 48);
+    for cost in &costs {
+        assert!(cost.found || cost.feature == "scattering" || !cost.instructions.is_empty(), "{cost:?} costs nothing");
+    }
+}
