@@ -110,13 +110,13 @@ fn live_blocks(module: &Module, constants: &[u32]) -> HashSet<u32> {
     }
 }
 
-/// Constants by id: 32-bit words, and booleans as 0 and 1.
+/// Constants by id: 32-bit words, and booleans as 0 and 1. Those that are not set keep their own value.
 fn global_values(module: &Module, constants: &[u32]) -> HashMap<u32, u32> {
     let ids = decorations(module, Decoration::SpecId);
     let mut values = HashMap::new();
     for instruction in &module.types_global_values {
         let Some(id) = instruction.result_id else { continue };
-        let set = ids.get(&id).map(|place| constants[*place as usize]);
+        let set = ids.get(&id).and_then(|place| constants.get(*place as usize)).copied();
         let value = match (instruction.class.opcode, instruction.operands.first()) {
             (Op::ConstantTrue, _) => Some(1),
             (Op::ConstantFalse, _) => Some(0),
