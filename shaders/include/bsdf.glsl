@@ -104,7 +104,7 @@ Scatter scatter_glossy(Material m, Surface surface, vec3 wo, float choice, vec2 
         cos_theta = lobe ? cosine_power_of(m.ns, u.x) : cos_theta;
         axis = lobe ? reflect(-wo, n) : n;
     }
-    vec3 wi = around(axis, cos_theta, TWO_PI * u.y);
+    vec3 wi = around(axis, cos_theta, u.y);
     // Without a lobe f cos / pdf is Kd, the same bits as in kernels that know no lobes.
     vec3 weight = side_of(surface, wo) == side_of(surface, wi) ? m.kd : vec3(0.0);
     if (HAS_PHONG) {

@@ -56,14 +56,14 @@ LightSample sample_lat_long(Surface surface, vec4 u) {
     float probability = uintBitsToFloat(fetch_environment(cell).w);
     vec2 size = vec2(frame.environment_width, frame.environment_height);
     vec2 corner = vec2(cell % frame.environment_width, cell / frame.environment_width);
-    float phi = TWO_PI * ((corner.x + u.z) / size.x - 0.5);
+    float turns = (corner.x + u.z) / size.x - 0.5;
     // Uniform in the cosine between the texel's edges. Their difference as a product of sines
     // keeps its precision at the poles.
     float top = PI * corner.y / size.y;
     float height = PI / size.y;
     float cos_range = 2.0 * sin(top + 0.5 * height) * sin(0.5 * height);
     float cos_theta = cos(top) - u.w * cos_range;
-    vec2 across = sqrt(max(0.0, 1.0 - cos_theta * cos_theta)) * on_circle(phi);
+    vec2 across = sqrt(max(0.0, 1.0 - cos_theta * cos_theta)) * on_circle(turns);
     vec3 direction = vec3(across.y, cos_theta, -across.x);
     float pdf = probability / (TWO_PI / size.x * cos_range);
     return LightSample(leave(surface, direction), direction, NO_TRIANGLE, environment_radiance(direction) / pdf);

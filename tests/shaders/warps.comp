@@ -19,7 +19,7 @@ Answer probe(Query query) {
     vec2 u = query.u.xy;
     return Answer(
         vec4(sample_cosine(query.axis.xyz, u), 0.0),
-        vec4(around(query.axis.xyz, cosine_power_of(query.axis.w, u.x), TWO_PI * u.y), 0.0),
+        vec4(around(query.axis.xyz, cosine_power_of(query.axis.w, u.x), u.y), 0.0),
         vec4(sample_disk(u), sample_triangle(u)));
 }
 
