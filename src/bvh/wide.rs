@@ -58,7 +58,7 @@ pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
     while !level.is_empty() && level.len() < PARTS {
         level = level.into_iter().flat_map(|open| collapse.node(&mut top, open)).flatten().collect();
     }
-    let parts: Vec<Part> = level.par_iter().map(|open| collapse.subtree(open.source, open.level)).collect();
+    let mut parts: Vec<Part> = level.par_iter().map(|open| collapse.subtree(open.source, open.level)).collect();
 
     // A part's root has its place in the top, beside its siblings; the rest of the part comes after
     // the parts before.
@@ -72,13 +72,15 @@ pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
         top.leaf_count += part.leaf_count;
         top.sah_cost += part.sah_cost;
     }
-    top.texels.reserve_exact(node_count * node_texels - top.texels.len());
-    top.order.reserve_exact(triangle_count - top.order.len());
-    for ((mut part, (nodes, triangles)), root) in parts.into_iter().zip(moves).zip(level) {
+    parts.par_iter_mut().zip(moves).for_each(|(part, (nodes, triangles))| {
         for node in part.texels.chunks_exact_mut(node_texels) {
             node[1][0] += (nodes as u32) << 8;
             node[1][1] += triangles as u32;
         }
+    });
+    top.texels.reserve_exact(node_count * node_texels - top.texels.len());
+    top.order.reserve_exact(triangle_count - top.order.len());
+    for (part, root) in parts.iter().zip(level) {
         let (first, rest) = part.texels.split_at(node_texels);
         top.texels[root.index * node_texels..][..node_texels].copy_from_slice(first);
         top.texels.extend_from_slice(rest);
@@ -109,25 +111,28 @@ impl Collapse<'_> {
         let mut node = NodeWriter::new(node_box, part.order.len() as u32);
         node.first_child = (part.texels.len() / self.node_texels) as u32;
         let (children, count) = widest_children(tree, source, self.width);
+        let (mut inner, mut inner_count) = ([0; WIDEST], 0);
+        for &child in &children[..count] {
+            let aabb = &tree.nodes[child as usize].aabb;
+            if let Some(count) = small_count(tree, child) {
+                let first = part.order.len() as u32;
+                push_triangles(tree, child, &mut part.order);
+                node.push_leaf(aabb, first, count);
+                part.leaf_count += 1;
+                part.sah_cost += area_share(aabb) * f64::from(count);
+            } else {
+                inner[inner_count] = child;
+                inner_count += 1;
+            }
+        }
         // Inner children lie in the order of their octants, for a count of bits to find them.
         let mut opened = [None; WIDEST];
-        for (octant, child) in (0..).zip(place_children(tree, source, &children[..count])) {
-            let Some(child) = child else { continue };
-            let aabb = &tree.nodes[child as usize].aabb;
-            match small_count(tree, child) {
-                Some(count) => {
-                    let first = part.order.len() as u32;
-                    push_triangles(tree, child, &mut part.order);
-                    node.push_leaf(aabb, first, count);
-                    part.leaf_count += 1;
-                    part.sah_cost += area_share(aabb) * f64::from(count);
-                }
-                None => {
-                    node.push_inner(aabb, octant);
-                    let index = part.texels.len() / self.node_texels;
-                    opened[octant as usize] = Some(Open { source: child, index, level: level + 1 });
-                    part.texels.resize(part.texels.len() + self.node_texels, [0; 4]);
-                }
+        for (octant, child) in (0..).zip(place_children(tree, source, &inner[..inner_count])) {
+            if let Some(child) = child {
+                node.push_inner(&tree.nodes[child as usize].aabb, octant);
+                let index = part.texels.len() / self.node_texels;
+                opened[octant as usize] = Some(Open { source: child, index, level: level + 1 });
+                part.texels.resize(part.texels.len() + self.node_texels, [0; 4]);
             }
         }
         part.texels[index * self.node_texels..][..self.node_texels].copy_from_slice(&node.texels()[..self.node_texels]);
@@ -182,8 +187,8 @@ fn widest_children(tree: &Bvh2, source: u32, width: usize) -> ([u32; WIDEST], us
     (children, count)
 }
 
-/// Gives each child an octant of the node that it lies in, as far as others leave it free, the best
-/// match first. A ray takes children in the order of their octants exclusive-or its own.
+/// Gives each inner child an octant of the node that it lies in, as far as others leave it free, the
+/// best match first. A ray takes children in the order of their octants exclusive-or its own.
 fn place_children(tree: &Bvh2, source: u32, children: &[u32]) -> [Option<u32>; WIDEST] {
     let centre = |node: u32| Vec3::from(tree.nodes[node as usize].aabb.center());
     let middle = centre(source);
