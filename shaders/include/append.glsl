@@ -2,9 +2,13 @@
 #ifndef APPEND_GLSL
 #define APPEND_GLSL
 
-// Adds one to COUNTER for every invocation whose `wanted` holds and yields its place. Call it in
-// uniform control flow.
+// COUNT adds one to COUNTER for every invocation whose `wanted` holds; APPEND yields its place too.
+// Call them in uniform control flow.
 #ifdef SUBGROUP_BALLOT
+#define COUNT(COUNTER, WANTED) { \
+    uint takers = subgroupBallotBitCount(subgroupBallot(WANTED)); \
+    if (subgroupElect()) atomicAdd(COUNTER, takers); \
+}
 #define APPEND(COUNTER, WANTED, PLACE) { \
     uvec4 takers = subgroupBallot(WANTED); \
     uint first = 0u; \
@@ -12,6 +16,7 @@
     PLACE = subgroupBroadcastFirst(first) + subgroupBallotExclusiveBitCount(takers); \
 }
 #else
+#define COUNT(COUNTER, WANTED) { if (WANTED) atomicAdd(COUNTER, 1u); }
 #define APPEND(COUNTER, WANTED, PLACE) { PLACE = 0u; if (WANTED) PLACE = atomicAdd(COUNTER, 1u); }
 #endif
 

@@ -16,7 +16,7 @@ use super::start_up::{self, Contrast};
 use crate::bvh::BvhKind;
 use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceKind};
-use crate::layout::WorkCount;
+use crate::layout::{RayCount, WorkCount};
 use crate::render::{Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
 use crate::scene::{Integrator, Scene};
 use crate::studies::{
@@ -57,8 +57,9 @@ impl OpenScene {
 }
 
 /// The order in which a bounce runs its kernels, for tables.
-const KERNEL_ORDER: [&str; 10] = [
+const KERNEL_ORDER: [&str; 11] = [
     "megakernel",
+    "bounce",
     "generate",
     "extend",
     "count_bins",
@@ -227,6 +228,7 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
         };
         match (factor, level) {
             ("scheduler", "wavefront") => settings.scheduler = Scheduler::Wavefront,
+            ("scheduler", "bounce") => settings.scheduler = Scheduler::Bounce,
             ("scheduler", "megakernel") => settings.scheduler = Scheduler::Megakernel,
             ("integrator", "implicit") => settings.integrator = Integrator::Implicit,
             ("integrator", "explicit") => settings.integrator = Integrator::Explicit,
@@ -268,17 +270,17 @@ fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
         nonfinite_samples: statistics.nonfinite_samples.into(),
         rays: Rays { camera: statistics.camera_rays, bounce: statistics.bounce_rays, shadow: statistics.shadow_rays },
         kernels: rows,
-        bounces: if settings.scheduler == Scheduler::Wavefront { bounce_rows(outcome) } else { Vec::new() },
+        bounces: bounce_rows(outcome),
         memory_bytes: statistics.memory_bytes,
         path_state_bytes: path_state_bytes(settings, outcome),
         ..Measurement::default()
     }
 }
 
-/// Time and items of the wavefront's stages at each bounce.
+/// Time and items of each bounce's kernels; the megakernel has none.
 fn bounce_rows(outcome: &Outcome) -> Vec<BounceRow> {
     let statistics = &outcome.statistics;
-    let staged = |kernel: &str| matches!(kernel, "extend" | "shade" | "connect");
+    let staged = |kernel: &str| matches!(kernel, "extend" | "shade" | "connect" | "bounce");
     let mut rows: Vec<_> = statistics
         .passes
         .iter()
@@ -326,6 +328,13 @@ fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
     let resolved = 16 * samples;
     match settings.scheduler {
         Scheduler::Megakernel => 16 * samples + resolved,
+        Scheduler::Bounce => {
+            // Bounce writes radiance, and of what goes on origin, direction, throughput and a queue
+            // entry, which the next one reads. At most all rays to a light reach it, and then read and
+            // write a radiance; at bounce 0 the one that is written anyhow.
+            let later_shadow_rays: u64 = statistics.ray_counts.iter().skip(1).map(RayCount::shadow_rays).sum();
+            16 * samples + 2 * (3 * 16 + 4) * statistics.bounce_rays + 2 * 16 * later_shadow_rays + resolved
+        }
         Scheduler::Wavefront => {
             // Generate writes origin, direction, throughput, radiance and a queue entry.
             let generated = (4 * 16 + 4) * samples;

@@ -76,6 +76,8 @@ enum IntegratorName {
 enum SchedulerName {
     /// A kernel a stage, queues between them
     Wavefront,
+    /// A kernel that takes paths through a whole bounce, a queue between bounces
+    Bounce,
     /// One kernel that follows a path from the camera to its end
     Megakernel,
 }
@@ -120,6 +122,7 @@ impl PictureArguments {
             seed: self.seed,
             scheduler: match self.scheduler {
                 SchedulerName::Wavefront => Scheduler::Wavefront,
+                SchedulerName::Bounce => Scheduler::Bounce,
                 SchedulerName::Megakernel => Scheduler::Megakernel,
             },
             in_flight: self.in_flight,
@@ -191,6 +194,7 @@ pub fn sort_name(sort: Sort) -> &'static str {
 pub fn scheduler_name(scheduler: Scheduler) -> &'static str {
     match scheduler {
         Scheduler::Wavefront => "wavefront",
+        Scheduler::Bounce => "bounce",
         Scheduler::Megakernel => "megakernel",
     }
 }

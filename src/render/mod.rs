@@ -1,9 +1,11 @@
 //! Rendering: from a scene and settings to a film.
 //!
 //! [`PreparedScene`] is the scene as the kernels read it; [`Plan`] computes sizes and batches;
-//! `wavefront` and `megakernel` make recordings; [`Session`] uploads, runs and reads back, and can freeze a queue of
+//! `wavefront`,
+//! `bounce` and `megakernel` make recordings; [`Session`] uploads, runs and reads back, and can freeze a queue of
 //! rays, which a [`Replay`] runs through one kernel. Only these two touch [`crate::gpu`].
 
+mod bounce;
 mod dump;
 mod megakernel;
 mod plan;

@@ -10,7 +10,7 @@ use thiserror::Error;
 use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
 use super::prepare::{PrepareError, PreparedScene};
 use super::settings::{Scheduler, Settings, Sort};
-use super::{megakernel, wavefront};
+use super::{bounce, megakernel, wavefront};
 use crate::bvh::BvhKind;
 use crate::constants::{COUNTED_BOUNCES, STAGES};
 use crate::film::FilmMoments;
@@ -98,8 +98,7 @@ pub struct Statistics {
     pub gpu_seconds: f64,
     /// Time and launches by kernel and bounce.
     pub passes: BTreeMap<(&'static str, u32), KernelTime>,
-    /// Rays by bounce; the last entry takes all that follow. The megakernel leaves the
-    /// camera's out, and counts all of its rays
+    /// Rays by bounce; the last entry takes all that follow. The megakernel counts all of its rays
     /// after the camera's as bounce 1, and all shadow rays as bounce 0.
     pub ray_counts: Vec<RayCount>,
     /// Bytes of device memory.
@@ -181,10 +180,12 @@ impl Session {
         options: SessionOptions,
     ) -> Result<Self, RenderError> {
         let plan = Plan::new(settings, scene.bvh.depth, &limits(device))?;
-        let names = match settings.scheduler {
+        let mut names = match settings.scheduler {
             Scheduler::Wavefront => wavefront::kernels(settings.sort),
+            Scheduler::Bounce => bounce::KERNELS.to_vec(),
             Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
         };
+        names.push("resolve");
         let executor = open_executor(device, scene, settings, &plan, &names, options)?;
         Ok(Self { executor, plan, settings: *settings, bvh: scene.bvh.kind, counting: options.counting })
     }
@@ -247,36 +248,40 @@ impl Session {
 
     /// Takes a batch from the camera to the film.
     fn render_batch(&mut self, range: SampleRange) -> Result<(), GpuError> {
+        let mut recording = Recording::default();
         match self.settings.scheduler {
-            Scheduler::Wavefront => self.render_by_wavefront(range),
-            Scheduler::Megakernel => {
-                let mut recording = Recording::default();
-                megakernel::render(&mut recording, &self.plan, range);
-                self.executor.submit(&recording)
+            Scheduler::Wavefront => {
+                wavefront::begin(&mut recording, &self.plan, range);
+                self.advance_to_the_end(&mut recording, range)?;
             }
+            Scheduler::Bounce => self.advance_to_the_end(&mut recording, range)?,
+            Scheduler::Megakernel => megakernel::follow(&mut recording, &self.plan, range),
         }
+        recording.dispatch("resolve", self.plan.groups(range.pixel_count), range.at_bounce(0));
+        self.executor.submit(&recording)
     }
 
-    fn render_by_wavefront(&mut self, range: SampleRange) -> Result<(), GpuError> {
-        let mut recording = Recording::default();
-        wavefront::begin(&mut recording, &self.plan, range);
+    /// Takes every path through its bounces. Leaves the last of them to be submitted.
+    fn advance_to_the_end(&mut self, recording: &mut Recording, range: SampleRange) -> Result<(), GpuError> {
         // The vertex after the last bounce still finds emission.
         let vertices = self.settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1));
         let mut bounce = 0;
         loop {
-            let end = vertices.min(bounce + BOUNCES_AT_ONCE);
-            wavefront::advance(&mut recording, self.settings.sort, range, bounce..end);
-            bounce = end;
-            if bounce == vertices {
-                break;
+            let bounces = bounce..vertices.min(bounce + BOUNCES_AT_ONCE);
+            bounce = bounces.end;
+            if self.settings.scheduler == Scheduler::Bounce {
+                bounce::advance(recording, &self.plan, range, bounces);
+            } else {
+                wavefront::advance(recording, self.settings.sort, range, bounces);
             }
-            self.executor.submit(&std::mem::take(&mut recording))?;
+            if bounce == vertices {
+                return Ok(());
+            }
+            self.executor.submit(&std::mem::take(recording))?;
             if self.control()?.current_rays == 0 {
-                break;
+                return Ok(());
             }
         }
-        wavefront::end(&mut recording, &self.plan, range);
-        self.executor.submit(&recording)
     }
 
     pub(super) fn control(&mut self) -> Result<Control, GpuError> {
@@ -292,7 +297,9 @@ impl Session {
         if control.cut_loops != 0 {
             return Err(RenderError::CutLoops);
         }
-        let ray_counts = self.ray_counts()?;
+        let mut ray_counts = self.ray_counts()?;
+        // Not every scheduler queues the camera's rays, and so counts them.
+        ray_counts[0].rays = [sample_count as u32, (sample_count >> 32) as u32];
         let (bounce_rays, shadow_rays) = scattered_rays(&ray_counts);
         let work_counts = match self.counting {
             true => bytemuck::pod_collect_to_vec(&self.executor.read("work_counts")?),

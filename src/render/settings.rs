@@ -86,6 +86,8 @@ pub enum Sort {
 pub enum Scheduler {
     /// A kernel a stage, queues between them.
     Wavefront,
+    /// A kernel that takes paths through a whole bounce, a queue between bounces.
+    Bounce,
     /// One kernel that follows a path from the camera to its end.
     Megakernel,
 }

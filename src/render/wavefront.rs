@@ -14,7 +14,7 @@ pub fn kernels(sort: Sort) -> Vec<&'static str> {
         Sort::None => &[],
         Sort::Material => &["count_bins", "place_bins", "sort_rays"],
     };
-    ["generate", "extend", "shade", "connect", "prepare_dispatch", "resolve"].iter().chain(sorting).copied().collect()
+    ["generate", "extend", "shade", "connect", "prepare_dispatch"].iter().chain(sorting).copied().collect()
 }
 
 /// Starts a batch: a path in every slot.
@@ -38,9 +38,4 @@ pub fn advance(recording: &mut Recording, sort: Sort, range: SampleRange, bounce
         recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
         recording.dispatch_indirect("connect", offset_of!(Control, shadow_groups), batch);
     }
-}
-
-/// Ends a batch: its samples go to the film.
-pub fn end(recording: &mut Recording, plan: &Plan, range: SampleRange) {
-    recording.dispatch("resolve", plan.groups(range.pixel_count), range.at_bounce(0));
 }

@@ -53,7 +53,7 @@ pub const FACTORS: &[FactorKind] = &[
     FactorKind {
         name: "scheduler",
         role: Role::Schedule,
-        levels: Levels::Named(&["wavefront", "megakernel"]),
+        levels: Levels::Named(&["wavefront", "bounce", "megakernel"]),
         meaning: "scheduler",
     },
     FactorKind {
