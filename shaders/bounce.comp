@@ -1,7 +1,7 @@
-// Takes every path of the queue through one bounce: finds the next surface, shades it, gathers its
-// light, and queues the path if it goes on. Bounce 0 begins the paths.
-// Threads: one a current ray; at bounce 0, one a slot. Reads: frame, ray queue, path state, scene.
-// Writes: path state, radiances, the next half of the ray queue, control.
+// Takes every path of the queue through one bounce: finds the next surface, shades it, queues the
+// path if it goes on, and traces its shadow ray or queues it for connect.
+// Threads: one a current ray. Reads: ray queue, path state, scene. Writes: path state, radiances,
+// the next half of the ray queue, shadow rays, control.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #ifdef SUBGROUP_BALLOT
@@ -18,27 +18,17 @@
 layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
 void main() {
-    bool first = batch.bounce == 0u;
-    uint slot = gl_GlobalInvocationID.x;
-    bool live = slot < (first ? batch.pixel_count * batch.sample_count : control.current_rays);
+    uint place = gl_GlobalInvocationID.x;
+    bool live = place < control.current_rays;
+    uint slot = 0u;
     Path path;
-    // Loops of one turn at most: devices that run both sides of an `if` skip them.
-    bool begins = live && first;
-    while (begins) {
-        path = begin_path(pixel_of(slot), sample_of(slot));
-        begins = false;
-    }
-    bool resumes = live && !first;
-    while (resumes) {
-        slot = current_ray(slot);
-        path = load_path(slot);
-        resumes = false;
-    }
-
     Vertex vertex = ended(vec3(0.0));
     if (live) {
-        Hit hit = trace_closest(path.ray);
+        slot = current_ray(place);
+        // Traversal has few registers to spare: the rest of the path is loaded after it.
+        Hit hit = trace_closest(load_ray(slot));
         count_item(STAGE_EXTEND, batch.bounce);
+        path = load_path(slot);
         if (hit.triangle == NO_TRIANGLE) {
             vertex = shade_miss(path);
         } else {
@@ -48,31 +38,37 @@ void main() {
         count_item(STAGE_SHADE, batch.bounce);
     }
 
-    bool casts = live && carries_light(vertex.shadow);
-    COUNT(control.next_shadow_rays, casts)
-    vec3 gathered = vec3(0.0);
-    while (casts) {
-        if (!trace_any(vertex.shadow.ray, vertex.shadow.light, shadow_limit(vertex.shadow.light))) {
-            gathered = vertex.shadow.radiance;
-        }
-        count_item(STAGE_CONNECT, batch.bounce);
-        casts = false;
-    }
-    // In the order of the other schedulers: what the path found, then what the shadow ray brings.
-    bool gains = live && (first || any(notEqual(vertex.emission, vec3(0.0))) || any(notEqual(gathered, vec3(0.0))));
-    while (gains) {
-        vec3 radiance = first ? vec3(0.0) : radiances.rgb[slot].rgb;
-        radiance += vertex.emission;
-        radiances.rgb[slot] = vec4(radiance + gathered, 0.0);
-        gains = false;
-    }
-
+    // For the same reason the path is stored before its shadow ray is traced.
     uint next_place;
     bool continues = live && vertex.continues;
     APPEND(control.next_rays, continues, next_place)
     if (continues) {
         store_path(slot, path);
         ray_queue.paths[((batch.bounce + 1u) & 1u) * frame.path_capacity + next_place] = slot;
+    }
+
+    bool casts = live && carries_light(vertex.shadow);
+    vec3 arriving = vec3(0.0);
+    uint shadow_place;
+    APPEND(control.next_shadow_rays, casts, shadow_place)
+    if (DEFERS_SHADOW_RAYS) {
+        if (casts) {
+            store_shadow_ray(shadow_place, slot, vertex.shadow);
+        }
+    } else {
+        // A loop of one turn at most: where no lane has a shadow ray, it is skipped.
+        while (casts) {
+            if (!trace_any(vertex.shadow.ray, vertex.shadow.light, shadow_limit(vertex.shadow.light))) {
+                arriving = vertex.shadow.radiance;
+            }
+            count_item(STAGE_CONNECT, batch.bounce);
+            casts = false;
+        }
+    }
+    if (live && (any(notEqual(vertex.emission, vec3(0.0))) || any(notEqual(arriving, vec3(0.0))))) {
+        // One after the other, as the other schedulers add them.
+        vec3 radiance = radiances.rgb[slot].rgb + vertex.emission;
+        radiances.rgb[slot] = vec4(radiance + arriving, 0.0);
     }
     tell_cut_loops();
 }

@@ -117,4 +117,8 @@ shared_constants! {
     SPEC_REGENERATES = 16;
     /// Children of a BVH node: 2, 4 or 8.
     SPEC_BVH_WIDTH = 17;
+    /// Whether bounce queues its shadow rays for connect.
+    SPEC_DEFERS_SHADOW_RAYS = 18;
+    /// PROTO
+    SPEC_INTERLEAVE = 19;
 }

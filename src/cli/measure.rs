@@ -16,8 +16,10 @@ use super::start_up::{self, Contrast};
 use crate::bvh::BvhKind;
 use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceKind};
-use crate::layout::{RayCount, WorkCount};
-use crate::render::{Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
+use crate::layout::WorkCount;
+use crate::render::{
+    Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, ShadowRays, Sort,
+};
 use crate::scene::{Integrator, Scene};
 use crate::studies::{
     BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
@@ -227,9 +229,9 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             u32::try_from(count).map_err(|_| anyhow!("{factor}={level} is above {}", u32::MAX))
         };
         match (factor, level) {
-            ("scheduler", "wavefront") => settings.scheduler = Scheduler::Wavefront,
-            ("scheduler", "bounce") => settings.scheduler = Scheduler::Bounce,
-            ("scheduler", "megakernel") => settings.scheduler = Scheduler::Megakernel,
+            ("scheduler", "wavefront") => settings.scheduler = Some(Scheduler::Wavefront),
+            ("scheduler", "bounce") => settings.scheduler = Some(Scheduler::Bounce),
+            ("scheduler", "megakernel") => settings.scheduler = Some(Scheduler::Megakernel),
             ("integrator", "implicit") => settings.integrator = Integrator::Implicit,
             ("integrator", "explicit") => settings.integrator = Integrator::Explicit,
             ("in-flight", _) => settings.in_flight = Some(count()?),
@@ -240,6 +242,8 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("bvh", "cwbvh") => settings.bvh = Some(BvhKind::Cwbvh),
             ("sort", "none") => settings.sort = Sort::None,
             ("sort", "material") => settings.sort = Sort::Material,
+            ("shadow-rays", "deferred") => settings.shadow_rays = ShadowRays::Deferred,
+            ("shadow-rays", "at-once") => settings.shadow_rays = ShadowRays::AtOnce,
             ("fast-math", _) => settings.fast_math = level == "on",
             ("shading-cost", _) => settings.shading_cost = count()?,
             ("materials", _) => settings.material_branches = count()?,
@@ -324,21 +328,24 @@ fn work_counters(counts: &[WorkCount], lanes: u32) -> WorkCounters {
 fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
     let statistics = &outcome.statistics;
     let samples = statistics.sample_count;
+    let rays = samples + statistics.bounce_rays;
+    // Generate writes origin, direction, throughput, radiance and a queue entry.
+    let generated = (4 * 16 + 4) * samples;
+    // At most all shadow rays reach the light, and then read and write a radiance.
+    let gathered = 2 * 16 * statistics.shadow_rays;
+    // Connect reads three records of a shadow ray, which shade or bounce writes.
+    let shadows = 2 * 3 * 16 * statistics.shadow_rays + gathered;
     // The radiance that resolve reads.
     let resolved = 16 * samples;
-    match settings.scheduler {
+    match statistics.scheduler {
         Scheduler::Megakernel => 16 * samples + resolved,
         Scheduler::Bounce => {
-            // Bounce writes radiance, and of what goes on origin, direction, throughput and a queue
-            // entry, which the next one reads. At most all rays to a light reach it, and then read and
-            // write a radiance; at bounce 0 the one that is written anyhow.
-            let later_shadow_rays: u64 = statistics.ray_counts.iter().skip(1).map(RayCount::shadow_rays).sum();
-            16 * samples + 2 * (3 * 16 + 4) * statistics.bounce_rays + 2 * 16 * later_shadow_rays + resolved
+            // Bounce reads a queue entry, origin, direction and throughput, and writes them of what
+            // goes on.
+            let paths = (3 * 16 + 4) * (rays + statistics.bounce_rays);
+            generated + paths + if settings.shadow_rays == ShadowRays::Deferred { shadows } else { gathered } + resolved
         }
         Scheduler::Wavefront => {
-            // Generate writes origin, direction, throughput, radiance and a queue entry.
-            let generated = (4 * 16 + 4) * samples;
-            let rays = samples + statistics.bounce_rays;
             // Extend reads a queue entry, origin and direction and writes a hit; shade reads a
             // queue entry, direction, throughput and hit.
             let traced = (4 + 3 * 16 + 4 + 3 * 16) * rays;
@@ -346,9 +353,6 @@ fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
             let continued = (3 * 16 + 4) * statistics.bounce_rays;
             // A sort reads queue entry and hit twice, and writes and reads the sorted queue.
             let sorted = if settings.sort == Sort::None { 0 } else { 2 * (4 + 16) + 4 + 4 } * rays;
-            // Shade writes and connect reads a shadow ray of three records; at most all of them
-            // reach the light, and then read and write a radiance.
-            let shadows = (2 * 3 * 16 + 2 * 16) * statistics.shadow_rays;
             generated + traced + sorted + continued + shadows + resolved
         }
     }

@@ -16,7 +16,7 @@ use crate::render::{Outcome, PreparedScene, Progress, Session, Settings, Statist
 use crate::scene::Scene;
 
 use super::devices::kind_name;
-use super::picture::{PictureArguments, bvh_name, integrator_name, scheduler_name, sort_name};
+use super::picture::{PictureArguments, bvh_name, integrator_name, scheduler_name, shadow_rays_name, sort_name};
 use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
 
 /// Render a scene to an image
@@ -130,10 +130,11 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "max_bounces": settings.max_bounces.map_or(-1, i64::from),
         "roulette": settings.roulette,
         "seed": settings.seed,
-        "scheduler": scheduler_name(settings.scheduler),
+        "scheduler": scheduler_name(statistics.scheduler),
         "shading_cost_steps": settings.shading_cost,
         "material_branches": settings.material_branches,
         "sort": sort_name(settings.sort),
+        "shadow_rays": shadow_rays_name(settings.shadow_rays),
         "paths_per_invocation": statistics.paths_per_invocation,
         "fast_math": settings.fast_math,
         "paths_in_flight": statistics.paths_in_flight,

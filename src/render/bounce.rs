@@ -1,25 +1,31 @@
-//! The bounce scheduler: a kernel that takes paths through a whole bounce, a queue between bounces.
+//! The bounce scheduler: a kernel that takes paths to their next surface and shades it, a queue between bounces.
 
 use std::mem::offset_of;
 use std::ops::Range;
 
-use super::plan::{Plan, SampleRange};
+use super::plan::SampleRange;
+use super::settings::ShadowRays;
 use crate::layout::Control;
 use crate::recording::Recording;
 
 /// Kernels that the recordings name.
-pub const KERNELS: [&str; 2] = ["bounce", "prepare_dispatch"];
+pub fn kernels(shadow_rays: ShadowRays) -> Vec<&'static str> {
+    let tracing: &[&str] = match shadow_rays {
+        ShadowRays::Deferred => &["connect"],
+        ShadowRays::AtOnce => &[],
+    };
+    ["generate", "bounce", "prepare_dispatch", "resolve"].iter().chain(tracing).copied().collect()
+}
 
-/// Takes every path through the bounces. Bounce 0 begins the paths, one in every slot.
-pub fn advance(recording: &mut Recording, plan: &Plan, range: SampleRange, bounces: Range<u32>) {
+/// Takes every path through the bounces.
+pub fn advance(recording: &mut Recording, shadow_rays: ShadowRays, range: SampleRange, bounces: Range<u32>) {
     for bounce in bounces {
         let batch = range.at_bounce(bounce);
-        if bounce == 0 {
-            recording.dispatch("bounce", plan.groups(range.pixel_count * range.sample_count), batch);
-        } else {
-            recording.dispatch_indirect("bounce", offset_of!(Control, ray_groups), batch);
-        }
+        recording.dispatch_indirect("bounce", offset_of!(Control, ray_groups), batch);
         recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
+        if shadow_rays == ShadowRays::Deferred {
+            recording.dispatch_indirect("connect", offset_of!(Control, shadow_groups), batch);
+        }
     }
 }
 
@@ -30,29 +36,48 @@ mod tests {
 
     const RANGE: SampleRange = SampleRange { first_pixel: 600, pixel_count: 100, first_sample: 4, sample_count: 3 };
 
-    fn record(bounces: Range<u32>) -> Vec<Pass> {
-        let plan = Plan { pixels: 1000, path_capacity: 300, workgroup_size: 64, paths_per_invocation: 1 };
+    /// Kernels and bounces of the passes, and where the indirect ones find their counts.
+    fn record(shadow_rays: ShadowRays, bounces: Range<u32>) -> Vec<(&'static str, u32, Option<u64>)> {
         let mut recording = Recording::default();
-        advance(&mut recording, &plan, RANGE, bounces);
-        recording.passes
-    }
-
-    fn prepare(bounce: u32) -> Pass {
-        Pass::Dispatch { kernel: "prepare_dispatch", groups: 1, batch: RANGE.at_bounce(bounce) }
+        advance(&mut recording, shadow_rays, RANGE, bounces);
+        let told = |pass: Pass| match pass {
+            Pass::Dispatch { kernel, groups, batch } => {
+                assert_eq!((groups, batch), (1, RANGE.at_bounce(batch.bounce)));
+                (kernel, batch.bounce, None)
+            }
+            Pass::DispatchIndirect { kernel, arguments, batch } => {
+                assert_eq!(batch, RANGE.at_bounce(batch.bounce));
+                (kernel, batch.bounce, Some(arguments))
+            }
+        };
+        recording.passes.into_iter().map(told).collect()
     }
 
     #[test]
-    fn the_host_sizes_the_first_launch_and_the_device_those_that_follow() {
-        let arguments = offset_of!(Control, ray_groups) as u64;
-        let following = |bounce| Pass::DispatchIndirect { kernel: "bounce", arguments, batch: RANGE.at_bounce(bounce) };
-        // 300 paths in workgroups of 64.
-        let first = Pass::Dispatch { kernel: "bounce", groups: 5, batch: RANGE.at_bounce(0) };
-        assert_eq!(record(0..3), [first, prepare(1), following(1), prepare(2), following(2), prepare(3)]);
-        assert_eq!(record(32..33), [following(32), prepare(33)]);
+    fn rays_are_counted_before_they_are_traced() {
+        let rays = Some(offset_of!(Control, ray_groups) as u64);
+        let shadow_rays = Some(offset_of!(Control, shadow_groups) as u64);
+        let bounce = |bounce| [("bounce", bounce, rays), ("prepare_dispatch", bounce + 1, None)];
+        assert_eq!(record(ShadowRays::AtOnce, 0..2), [bounce(0), bounce(1)].concat());
+        let connect = |bounce| ("connect", bounce, shadow_rays);
+        let expected = [&bounce(0)[..], &[connect(0)], &bounce(1), &[connect(1)]].concat();
+        assert_eq!(record(ShadowRays::Deferred, 0..2), expected);
     }
 
     #[test]
     fn bounces_can_be_recorded_in_parts() {
-        assert_eq!([record(0..2), record(2..5)].concat(), record(0..5));
+        for shadow_rays in [ShadowRays::Deferred, ShadowRays::AtOnce] {
+            let parts = [0..32, 32..40].map(|bounces| record(shadow_rays, bounces));
+            assert_eq!(parts.concat(), record(shadow_rays, 0..40));
+        }
+    }
+
+    #[test]
+    fn every_kernel_that_is_recorded_is_built() {
+        for shadow_rays in [ShadowRays::Deferred, ShadowRays::AtOnce] {
+            let built = kernels(shadow_rays);
+            assert!(record(shadow_rays, 0..1).iter().all(|(kernel, ..)| built.contains(kernel)));
+        }
+        assert!(!kernels(ShadowRays::AtOnce).contains(&"connect"));
     }
 }

@@ -4,7 +4,7 @@ use super::plan::{Plan, SampleRange};
 use crate::recording::Recording;
 
 /// Kernels that the recordings name.
-pub const KERNELS: [&str; 2] = ["megakernel", "prepare_dispatch"];
+pub const KERNELS: [&str; 3] = ["megakernel", "prepare_dispatch", "resolve"];
 
 /// Takes every path of a batch from the camera to its end.
 pub fn follow(recording: &mut Recording, plan: &Plan, range: SampleRange) {

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
 use super::plan::Plan;
-use super::settings::{Settings, Sort};
+use super::settings::{Settings, ShadowRays, Sort};
 use crate::alias::alias_table;
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
@@ -231,7 +231,7 @@ impl PreparedScene {
     pub fn specialization(&self, settings: &Settings, plan: &Plan) -> Vec<u32> {
         let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
             self.features;
-        let mut constants = vec![0; SPEC_BVH_WIDTH as usize + 1];
+        let mut constants = vec![0; SPEC_INTERLEAVE as usize + 1];
         for (id, value) in [
             (SPEC_WORKGROUP_SIZE, plan.workgroup_size),
             (SPEC_STACK_SIZE, self.stack_size()),
@@ -255,6 +255,8 @@ impl PreparedScene {
             (SPEC_SHADING_COST, settings.shading_cost),
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
+            (SPEC_DEFERS_SHADOW_RAYS, (settings.shadow_rays == ShadowRays::Deferred).into()),
+            (SPEC_INTERLEAVE, std::env::var("RW_INTERLEAVE").is_ok().into()),
             (SPEC_BVH_WIDTH, self.bvh.kind.width()),
             (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
         ] {

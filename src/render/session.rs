@@ -1,7 +1,7 @@
 //! A render on a device: uploads the scene, runs batch after batch, reads the film.
 
 use std::collections::BTreeMap;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
@@ -10,7 +10,7 @@ use thiserror::Error;
 use super::plan::{DeviceLimits, Plan, PlanError, SampleRange};
 use super::prepare::{PrepareError, PreparedScene};
 use super::settings::{Scheduler, Settings, Sort};
-use super::{bounce, megakernel, wavefront};
+use super::{batch, bounce, megakernel, wavefront};
 use crate::bvh::BvhKind;
 use crate::constants::{COUNTED_BOUNCES, STAGES};
 use crate::film::FilmMoments;
@@ -35,6 +35,10 @@ pub enum RenderError {
     CutLoops,
     #[error("the megakernel keeps no queues, so there are no rays to dump; use --scheduler wavefront")]
     NoQueues,
+    #[error(
+        "shadow rays that are traced at once are in no queue, so there are none to dump; use --shadow-rays deferred"
+    )]
+    NoShadowQueue,
     #[error("there are no {rays} rays at bounce {bounce}{}", of_last(*last))]
     NoRays { rays: &'static str, bounce: u32, last: Option<u32> },
     #[error(
@@ -98,11 +102,14 @@ pub struct Statistics {
     pub gpu_seconds: f64,
     /// Time and launches by kernel and bounce.
     pub passes: BTreeMap<(&'static str, u32), KernelTime>,
-    /// Rays by bounce; the last entry takes all that follow. The megakernel counts all of its rays
+    /// Rays by bounce; the last entry takes all that follow. The megakernel leaves the
+    /// camera's out, and counts all of its rays
     /// after the camera's as bounce 1, and all shadow rays as bounce 0.
     pub ray_counts: Vec<RayCount>,
     /// Bytes of device memory.
     pub memory_bytes: u64,
+    /// How the work was cut into kernels.
+    pub scheduler: Scheduler,
     /// Path slots.
     pub paths_in_flight: u32,
     /// Invocations of a workgroup.
@@ -156,6 +163,7 @@ pub struct Session {
     pub(super) executor: Executor,
     pub(super) plan: Plan,
     pub(super) settings: Settings,
+    pub(super) scheduler: Scheduler,
     bvh: BvhKind,
     counting: bool,
 }
@@ -180,14 +188,14 @@ impl Session {
         options: SessionOptions,
     ) -> Result<Self, RenderError> {
         let plan = Plan::new(settings, scene.bvh.depth, &limits(device))?;
-        let mut names = match settings.scheduler {
+        let scheduler = settings.scheduler_for(limits(device).software);
+        let names = match scheduler {
             Scheduler::Wavefront => wavefront::kernels(settings.sort),
-            Scheduler::Bounce => bounce::KERNELS.to_vec(),
+            Scheduler::Bounce => bounce::kernels(settings.shadow_rays),
             Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
         };
-        names.push("resolve");
         let executor = open_executor(device, scene, settings, &plan, &names, options)?;
-        Ok(Self { executor, plan, settings: *settings, bvh: scene.bvh.kind, counting: options.counting })
+        Ok(Self { executor, plan, settings: *settings, scheduler, bvh: scene.bvh.kind, counting: options.counting })
     }
 
     /// Time that the driver took to build each kernel, by name.
@@ -249,15 +257,14 @@ impl Session {
     /// Takes a batch from the camera to the film.
     fn render_batch(&mut self, range: SampleRange) -> Result<(), GpuError> {
         let mut recording = Recording::default();
-        match self.settings.scheduler {
-            Scheduler::Wavefront => {
-                wavefront::begin(&mut recording, &self.plan, range);
+        match self.scheduler {
+            Scheduler::Wavefront | Scheduler::Bounce => {
+                batch::begin(&mut recording, &self.plan, range);
                 self.advance_to_the_end(&mut recording, range)?;
             }
-            Scheduler::Bounce => self.advance_to_the_end(&mut recording, range)?,
             Scheduler::Megakernel => megakernel::follow(&mut recording, &self.plan, range),
         }
-        recording.dispatch("resolve", self.plan.groups(range.pixel_count), range.at_bounce(0));
+        batch::end(&mut recording, &self.plan, range);
         self.executor.submit(&recording)
     }
 
@@ -269,11 +276,7 @@ impl Session {
         loop {
             let bounces = bounce..vertices.min(bounce + BOUNCES_AT_ONCE);
             bounce = bounces.end;
-            if self.settings.scheduler == Scheduler::Bounce {
-                bounce::advance(recording, &self.plan, range, bounces);
-            } else {
-                wavefront::advance(recording, self.settings.sort, range, bounces);
-            }
+            self.advance(recording, range, bounces);
             if bounce == vertices {
                 return Ok(());
             }
@@ -281,6 +284,15 @@ impl Session {
             if self.control()?.current_rays == 0 {
                 return Ok(());
             }
+        }
+    }
+
+    /// Takes the queued paths through the bounces.
+    pub(super) fn advance(&self, recording: &mut Recording, range: SampleRange, bounces: Range<u32>) {
+        match self.scheduler {
+            Scheduler::Wavefront => wavefront::advance(recording, self.settings.sort, range, bounces),
+            Scheduler::Bounce => bounce::advance(recording, self.settings.shadow_rays, range, bounces),
+            Scheduler::Megakernel => unreachable!("the megakernel queues no paths"),
         }
     }
 
@@ -297,9 +309,7 @@ impl Session {
         if control.cut_loops != 0 {
             return Err(RenderError::CutLoops);
         }
-        let mut ray_counts = self.ray_counts()?;
-        // Not every scheduler queues the camera's rays, and so counts them.
-        ray_counts[0].rays = [sample_count as u32, (sample_count >> 32) as u32];
+        let ray_counts = self.ray_counts()?;
         let (bounce_rays, shadow_rays) = scattered_rays(&ray_counts);
         let work_counts = match self.counting {
             true => bytemuck::pod_collect_to_vec(&self.executor.read("work_counts")?),
@@ -317,6 +327,7 @@ impl Session {
             passes: self.executor.kernel_times().clone(),
             ray_counts,
             memory_bytes: self.executor.memory_bytes(),
+            scheduler: self.scheduler,
             paths_in_flight: self.plan.path_capacity,
             workgroup_size: self.plan.workgroup_size,
             paths_per_invocation: self.plan.paths_per_invocation,

@@ -3,7 +3,7 @@
 use std::mem::offset_of;
 use std::ops::Range;
 
-use super::plan::{Plan, SampleRange};
+use super::plan::SampleRange;
 use super::settings::Sort;
 use crate::layout::Control;
 use crate::recording::Recording;
@@ -14,14 +14,7 @@ pub fn kernels(sort: Sort) -> Vec<&'static str> {
         Sort::None => &[],
         Sort::Material => &["count_bins", "place_bins", "sort_rays"],
     };
-    ["generate", "extend", "shade", "connect", "prepare_dispatch"].iter().chain(sorting).copied().collect()
-}
-
-/// Starts a batch: a path in every slot.
-pub fn begin(recording: &mut Recording, plan: &Plan, range: SampleRange) {
-    let batch = range.at_bounce(0);
-    recording.dispatch("generate", plan.groups(range.pixel_count * range.sample_count), batch);
-    recording.dispatch("prepare_dispatch", 1, batch);
+    ["generate", "extend", "shade", "connect", "prepare_dispatch", "resolve"].iter().chain(sorting).copied().collect()
 }
 
 /// Takes every path through the bounces: find the next vertex, shade it, gather its light.

@@ -87,6 +87,12 @@ pub const FACTORS: &[FactorKind] = &[
         meaning: "order of shading",
     },
     FactorKind {
+        name: "shadow-rays",
+        role: Role::Schedule,
+        levels: Levels::Named(&["deferred", "at-once"]),
+        meaning: "when the bounce scheduler traces shadow rays",
+    },
+    FactorKind {
         name: "fast-math",
         role: Role::Estimator,
         levels: Levels::Named(&["off", "on"]),
