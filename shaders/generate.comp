@@ -19,8 +19,6 @@ void main() {
         store_path(slot, path);
         radiances.rgb[slot] = vec4(0.0);
         // Bounce 0 reads this half.
-        uint blocks = count / 256u, b = slot / 256u, h = (blocks + 1u) / 2u;
-        uint place = INTERLEAVE && b < blocks ? (b < h ? 2u * b : 2u * (b - h) + 1u) * 256u + slot % 256u : slot;
-        ray_queue.paths[slot] = place;
+        ray_queue.paths[slot] = slot;
     }
 }

@@ -119,6 +119,4 @@ shared_constants! {
     SPEC_BVH_WIDTH = 17;
     /// Whether bounce queues its shadow rays for connect.
     SPEC_DEFERS_SHADOW_RAYS = 18;
-    /// PROTO
-    SPEC_INTERLEAVE = 19;
 }

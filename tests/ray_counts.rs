@@ -101,7 +101,7 @@ fn check(scene: &Scene, width: u32, height: u32) {
             assert_eq!(counts[COUNTED_BOUNCES as usize - 1], [0, 0], "paths too long to be counted by bounce; {case}");
             assert!(max_bounces == Some(0) || lit_surfaces(&paths) > 5, "too dark to tell; {case}");
 
-            let [_, shadow_rays] = total(&counts);
+            let [_, light_rays] = total(&counts);
             let [bounce_rays, _] = total(&counts[1..]);
             let sums = |power: fn(DVec3) -> DVec3| -> Vec<DVec3> {
                 paths.iter().map(|samples| samples.iter().map(|path| power(path.radiance)).sum()).collect()
@@ -120,7 +120,7 @@ fn check(scene: &Scene, width: u32, height: u32) {
                     assert_eq!(counted, counts, "rays and shadow rays by bounce; {case}");
                 }
                 let counted = [statistics.camera_rays, statistics.bounce_rays, statistics.shadow_rays];
-                assert_eq!(counted, [counts[0][0], bounce_rays, shadow_rays], "camera, bounce, shadow rays; {case}");
+                assert_eq!(counted, [counts[0][0], bounce_rays, light_rays], "camera, bounce, shadow rays; {case}");
                 // Two samples are known by their sum and sum of squares, but for their order.
                 assert_pixels(&format!("{case}: sum"), &film.sum, &sums(|r| r), TOLERANCE);
                 let what = format!("{case}: sum of squares");

@@ -22,7 +22,6 @@ layout(constant_id = SPEC_SORTED) const bool SORTED = false;
 layout(constant_id = SPEC_REGENERATES) const bool REGENERATES = false;
 layout(constant_id = SPEC_BVH_WIDTH) const uint BVH_WIDTH = 2u;
 layout(constant_id = SPEC_DEFERS_SHADOW_RAYS) const bool DEFERS_SHADOW_RAYS = true;
-layout(constant_id = SPEC_INTERLEAVE) const bool INTERLEAVE = false;
 
 const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
 const bool HAS_SPECULAR = HAS_MIRROR || HAS_GLASS;

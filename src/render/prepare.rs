@@ -231,7 +231,7 @@ impl PreparedScene {
     pub fn specialization(&self, settings: &Settings, plan: &Plan) -> Vec<u32> {
         let Features { environment, lights, phong, mirror, refractive, dielectric, textures, normals, lens } =
             self.features;
-        let mut constants = vec![0; SPEC_INTERLEAVE as usize + 1];
+        let mut constants = vec![0; SPEC_DEFERS_SHADOW_RAYS as usize + 1];
         for (id, value) in [
             (SPEC_WORKGROUP_SIZE, plan.workgroup_size),
             (SPEC_STACK_SIZE, self.stack_size()),
@@ -256,7 +256,6 @@ impl PreparedScene {
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
             (SPEC_DEFERS_SHADOW_RAYS, (settings.shadow_rays == ShadowRays::Deferred).into()),
-            (SPEC_INTERLEAVE, std::env::var("RW_INTERLEAVE").is_ok().into()),
             (SPEC_BVH_WIDTH, self.bvh.kind.width()),
             (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
         ] {
