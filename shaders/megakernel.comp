@@ -10,6 +10,7 @@
 #define CONTROL_ACCESS
 #include "path_state.glsl"
 #include "bvh.glsl"
+#include "cut_loops.glsl"
 
 layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
@@ -64,15 +65,5 @@ void main() {
     }
     atomicAdd(control.next_rays, bounce_rays);
     atomicAdd(control.next_shadow_rays, shadow_rays);
-
-    // Where a driver leaves all loops after so many turns, it leaves this one too early. The sum
-    // tells: compilers take a loop's own condition to hold when it ends.
-    uint turns = (frame.width & 1u) + 2u;
-    uint sum = 0u;
-    for (uint turn = 1u; turn <= turns; turn++) {
-        sum += turn;
-    }
-    if (sum != turns * (turns + 1u) / 2u) {
-        control.cut_loops = 1u;
-    }
+    tell_cut_loops();
 }

@@ -132,8 +132,10 @@ shared_constants! {
     SPEC_CASTS_SHADOWS = 21;
     /// Triangles of the list.
     SPEC_LISTED_COUNT = 22;
+    /// Whether bounce queues its shadow rays for connect.
+    SPEC_DEFERS_SHADOW_RAYS = 23;
     /// Specialization constants that every kernel knows.
-    SPEC_COUNT = 23;
+    SPEC_COUNT = 24;
     /// The first of nine constants a triangle of the list, its vertices.
     SPEC_LISTED_TRIANGLES = 64;
 }

@@ -110,7 +110,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("render -o a.png --seed -1", "-1"),
     ("render -o a.png --in-flight 0", "--in-flight <PATHS>"),
     ("render -o a.png --workgroup 0", "--workgroup <SIZE>"),
-    ("render -o a.png --scheduler magic", "possible values: wavefront, megakernel"),
+    ("render -o a.png --scheduler magic", "possible values: wavefront, bounce, megakernel"),
     ("render -o a.png --shading-cost 40000", "40000 is not in 0..=32768"),
     ("compare --vary colour", "colour"),
     ("compare --vary in-flight=many", "many"),
@@ -130,6 +130,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("dump-rays --bounce 0 --rays light -o a.rays", "possible values: path, shadow"),
     ("dump-rays --bounce 0 --order depth -o a.rays", "possible values: slot, queue"),
     ("dump-rays --bounce 0 --scheduler megakernel -o a.rays", "the megakernel keeps no queues"),
+    ("dump-rays --bounce 0 --rays shadow --scheduler bounce --shadow-rays at-once -o a.rays", "shadow rays that are traced at once are in no queue"),
     ("dump-rays --bounce 9 --width 9 --height 9 -o a.rays", "there are no path rays at bounce 9; there are some up to bounce "),
     ("dump-rays --bounce 2 --max-bounces 0 -o a.rays", "there are no path rays at bounce 2; there are some at bounce 0"),
     ("dump-rays --bounce 1 --rays shadow --integrator implicit -o a.rays", "shadow rays at bounce 1, nor before it; they need --integrator explicit"),
@@ -326,13 +327,17 @@ fn schedulers_write_the_same_pixels() {
     };
     render("wavefront.exr", &["--scheduler", "wavefront", "--in-flight", "100"]);
     render("megakernel.exr", &["--scheduler", "megakernel", "--in-flight", "333", "--workgroup", "64"]);
+    render("bounce.exr", &["--scheduler", "bounce", "--in-flight", "333", "--workgroup", "64"]);
+    render("at-once.exr", &["--scheduler", "bounce", "--shadow-rays", "at-once", "--in-flight", "100"]);
     render("seed.exr", &["--seed", "1"]);
     let identical = |other| {
         let report = folder.succeed(&["diff", "wavefront.exr", other]);
         let line = report.lines().find_map(|line| line.strip_prefix("identical_pixels"));
         line.unwrap_or_else(|| panic!("no identical pixels in {report}")).trim().to_owned()
     };
-    assert_eq!(identical("megakernel.exr"), "256 of 256, to the last bit");
+    for same in ["megakernel.exr", "bounce.exr", "at-once.exr"] {
+        assert_eq!(identical(same), "256 of 256, to the last bit", "{same}");
+    }
     assert_ne!(identical("seed.exr"), "256 of 256, to the last bit");
 }
 
@@ -388,7 +393,7 @@ fn statistics_and_metadata_hold_every_setting() {
     assert_eq!(statistics["camera_rays"], 16 * 16 * 2);
     assert_eq!(statistics["triangles"], Scene::cornell_box().mesh.triangles.len());
     let kernels = statistics["kernels"].as_object().expect("kernels are listed");
-    for kernel in ["generate", "extend", "shade", "prepare_dispatch", "resolve"] {
+    for kernel in ["generate", "bounce", "prepare_dispatch", "resolve"] {
         let kernel = &kernels[kernel];
         assert!(kernel["launches"].as_u64().is_some_and(|n| n > 0) && kernel["gpu_seconds"].is_number(), "{json}");
     }
@@ -414,6 +419,7 @@ fn statistics_and_metadata_hold_every_setting() {
         "raywave_version",
         "rustc_version",
         "scheduler",
+        "shadow_rays",
         "bvh",
         "driver",
         "vulkan_version",
@@ -499,7 +505,7 @@ fn start_up_leaves_no_file() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert_eq!(folder.files(), before);
     let table = text(&output.stdout);
-    for row in ["lamp, 8x8, wavefront, on ", "start-up ", "pipelines ", "  generate ", "  extend ", "  resolve "] {
+    for row in ["lamp, 8x8, bounce, on ", "start-up ", "pipelines ", "  generate ", "  bounce ", "  resolve "] {
         assert!(table.lines().any(|line| line.starts_with(row)), "{row} in {table}");
     }
 }
@@ -530,7 +536,8 @@ fn a_comparison_tells_of_start_up_and_of_shared_settings() {
     assert_eq!((&shared["seed"], &shared["max_bounces"], &shared["width_pixels"]), (&7.into(), &8.into(), &16.into()));
     assert!(!shared.contains_key("scheduler"), "it is varied");
     assert!(json["provenance"]["rustc_version"].as_str().is_some_and(|version| version.starts_with("rustc ")));
-    for (first, (scheduler, kernels)) in firsts(&json).iter().zip([("wavefront", 6), ("megakernel", 3)]) {
+    for (first, (scheduler, kernels)) in firsts(&json).iter().zip([("wavefront", 6), ("bounce", 5), ("megakernel", 3)])
+    {
         assert_eq!(first["settings"]["scheduler"], scheduler);
         let pipelines = first["pipelines"].as_array().expect("a list");
         assert_eq!(pipelines.len(), kernels, "{scheduler}");

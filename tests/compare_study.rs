@@ -51,7 +51,8 @@ fn counts_have_suffixes_of_1024() {
 
 #[test]
 fn a_design_is_every_combination_once() {
-    let factors = Factor::parse_list("scheduler,in-flight=16k,64k,1M,workgroup=64,256").expect("parses");
+    let factors =
+        Factor::parse_list("scheduler=wavefront,megakernel,in-flight=16k,64k,1M,workgroup=64,256").expect("parses");
     let design = Design::new(factors, None).expect("makes sense");
     let all: Vec<String> = design.combinations().iter().map(ToString::to_string).collect();
     assert_eq!(all.len(), 2 * 3 * 2);
@@ -66,7 +67,7 @@ fn a_design_is_every_combination_once() {
 
 #[test]
 fn a_baseline_is_named_by_any_of_its_levels() {
-    let factors = Factor::parse_list("scheduler,in-flight=16k,64k").expect("parses");
+    let factors = Factor::parse_list("scheduler=wavefront,megakernel,in-flight=16k,64k").expect("parses");
     let design = Design::new(factors, Some("in-flight=65536")).expect("makes sense");
     assert_eq!(design.baseline().to_string(), "scheduler=wavefront in-flight=64k");
 }
@@ -76,7 +77,7 @@ fn bad_designs_are_refused_in_one_line_that_helps() {
     let design = |vary: &str, baseline| Design::new(Factor::parse_list(vary)?, baseline);
     for (vary, baseline, said) in [
         ("speed", None, "use one of: scheduler"),
-        ("scheduler=turbo", None, "use wavefront or megakernel"),
+        ("scheduler=turbo", None, "use wavefront or bounce or megakernel"),
         ("in-flight=0", None, "from 1 on"),
         ("in-flight=", None, "from 1 on"),
         ("in-flight=64k,65536", None, "twice"),
@@ -97,7 +98,7 @@ fn bad_designs_are_refused_in_one_line_that_helps() {
 
 #[test]
 fn every_round_renders_every_combination_in_an_order_of_its_own() {
-    let study = study(&["scheduler,in-flight=16k,64k,256k"], 20);
+    let study = study(&["scheduler=wavefront,megakernel,in-flight=16k,64k,256k"], 20);
     let mut renderer = FakeRenderer::new(megakernel_takes(0.8, 0.01));
     let report = run(&study, &mut renderer);
     let combinations = study.design.combinations();
@@ -135,7 +136,7 @@ fn first_renders_are_reported_apart_and_counted_ones_are_not_timed() {
         Purpose::Counting => 99.0,
         Purpose::Timed => 1.0,
     });
-    let report = run(&study(&["scheduler"], 6), &mut renderer);
+    let report = run(&study(&["scheduler=wavefront,megakernel"], 6), &mut renderer);
     for combination in &report.scenes[0].combinations {
         let first = combination.first.as_ref().expect("there was a first render");
         assert_eq!(first.wall_seconds, 10.0);
@@ -154,7 +155,7 @@ fn first_renders_are_reported_apart_and_counted_ones_are_not_timed() {
 
 #[test]
 fn a_study_goes_on_until_its_intervals_are_narrow() {
-    let mut study = study(&["scheduler"], 6);
+    let mut study = study(&["scheduler=wavefront,megakernel"], 6);
     study.rounds = Rounds { min: 6, max: 200, until: Some(0.03) };
     let report = run(&study, &mut FakeRenderer::new(megakernel_takes(0.9, 0.03)));
     let rounds = report.scenes[0].combinations[0].runs.len();
@@ -168,12 +169,13 @@ fn a_study_goes_on_until_its_intervals_are_narrow() {
 
 #[test]
 fn the_rounds_that_are_needed_are_foretold() {
-    let report = run(&study(&["scheduler"], 20), &mut FakeRenderer::new(megakernel_takes(0.9, 0.1)));
+    let report =
+        run(&study(&["scheduler=wavefront,megakernel"], 20), &mut FakeRenderer::new(megakernel_takes(0.9, 0.1)));
     // The interval of a median has the width 2 * 1.96 * 1.2533 σ √(1/n): 3 % of σ = 10 % takes 268
     // rounds for one time. The ratio's is wider by up to √2, so 537; from 20 runs, within a factor.
     let needed = report.scenes[0].combinations[1].rounds_needed.expect("it was timed");
     assert!((130..1400).contains(&needed), "{needed} rounds");
-    let report = run(&study(&["scheduler"], 20), &mut FakeRenderer::new(|_, _| 1.0));
+    let report = run(&study(&["scheduler=wavefront,megakernel"], 20), &mut FakeRenderer::new(|_, _| 1.0));
     assert_eq!(report.scenes[0].combinations[1].rounds_needed, Some(0), "no noise, no rounds");
 }
 
@@ -183,7 +185,7 @@ fn a_configuration_that_does_not_run_leaves_the_others_alone() {
     renderer.failure = Box::new(|call, _| {
         (call.configuration.level("workgroup") == Some("512")).then(|| "512 invocations are too many".to_owned())
     });
-    let report = run(&study(&["scheduler,workgroup=64,512"], 6), &mut renderer);
+    let report = run(&study(&["scheduler=wavefront,megakernel,workgroup=64,512"], 6), &mut renderer);
     for combination in &report.scenes[0].combinations {
         let failed = combination.configuration.level("workgroup") == Some("512");
         assert_eq!(matches!(combination.verdict, Verdict::Failed { .. }), failed);
@@ -200,9 +202,9 @@ fn a_baseline_that_does_not_run_ends_the_study() {
     renderer.failure = Box::new(|call, _| {
         (call.configuration.level("scheduler") == Some("wavefront")).then(|| "out of memory".to_owned())
     });
-    let error = study(&["scheduler"], 6).run(&mut renderer, &mut go_on).expect_err("no baseline");
+    let error = study(&["scheduler=wavefront,megakernel"], 6).run(&mut renderer, &mut go_on).expect_err("no baseline");
     assert!(error.to_string().contains("out of memory"), "{error}");
-    let mut elsewhere = study(&["scheduler"], 6);
+    let mut elsewhere = study(&["scheduler=wavefront,megakernel"], 6);
     elsewhere.scenes = vec!["missing".to_owned()];
     let error = elsewhere.run(&mut FakeRenderer::new(|_, _| 1.0), &mut go_on).expect_err("no scene");
     assert_eq!(error.to_string(), "missing: no such file");
@@ -220,7 +222,7 @@ fn a_wrong_image_is_wrong_and_never_fast() {
         }
         Some(image)
     });
-    let report = run(&study(&["scheduler"], 6), &mut renderer);
+    let report = run(&study(&["scheduler=wavefront,megakernel"], 6), &mut renderer);
     let [wavefront, megakernel] = &report.scenes[0].combinations[..] else { panic!("two combinations") };
     assert_eq!(wavefront.rank, Some(1));
     let Verdict::Wrong { reason, comparison } = &megakernel.verdict else { panic!("{:?}", megakernel.verdict) };
@@ -241,7 +243,7 @@ fn a_rerun_that_differs_is_wrong() {
         }
         Some(image)
     });
-    let report = run(&study(&["scheduler"], 6), &mut renderer);
+    let report = run(&study(&["scheduler=wavefront,megakernel"], 6), &mut renderer);
     let megakernel = &report.scenes[0].combinations[1];
     assert!(
         matches!(&megakernel.verdict, Verdict::Wrong { reason, .. } if reason.contains("from one run to the next"))
@@ -258,7 +260,7 @@ fn a_missing_image_and_another_size_are_wrong() {
             Some("megakernel") => image.clone(),
             _ => Some(gradient(8, 8)),
         });
-        let report = run(&study(&["scheduler"], 6), &mut renderer);
+        let report = run(&study(&["scheduler=wavefront,megakernel"], 6), &mut renderer);
         assert!(matches!(report.scenes[0].combinations[1].verdict, Verdict::Wrong { .. }));
     }
 }
@@ -287,7 +289,8 @@ fn estimators_are_held_to_statistics() {
     rounded.pixels.iter_mut().for_each(|pixel| *pixel *= 1.0 + 3e-6);
     assert!(!judge(Contract::Statistics, &rounded, &reference).counts(), "more than rounding");
 
-    let design = Design::new(Factor::parse_list("scheduler,integrator").expect("parses"), None).expect("makes sense");
+    let design = Design::new(Factor::parse_list("scheduler=wavefront,megakernel,integrator").expect("parses"), None)
+        .expect("makes sense");
     let contracts: Vec<_> = design.combinations().iter().map(|c| design.contract(c)).collect();
     assert_eq!(contracts, [Contract::Bits, Contract::Statistics, Contract::Bits, Contract::Statistics]);
 }
@@ -308,7 +311,7 @@ fn other_work_is_compared_with_a_baseline_of_its_own() {
         image.pixels[0].x = call.configuration.count("shading-cost").unwrap_or(0) as f32;
         Some(image)
     });
-    let report = run(&study(&["scheduler,shading-cost=0,200,50"], 6), &mut renderer);
+    let report = run(&study(&["scheduler=wavefront,megakernel,shading-cost=0,200,50"], 6), &mut renderer);
     let scene = &report.scenes[0];
     for combination in &scene.combinations {
         assert!(combination.verdict.counts(), "{}: {:?}", combination.label, combination.verdict);
@@ -331,10 +334,10 @@ fn shared_settings_are_those_that_all_renders_had() {
         let report = run(&study(&[vary], 1), &mut FakeRenderer::new(|_, _| 1.0));
         report.shared_settings().keys().cloned().collect::<Vec<_>>()
     };
-    assert_eq!(keys("scheduler,in-flight=16k"), ["in-flight", "max_bounces"]);
-    assert_eq!(keys("scheduler,in-flight=16k,64k"), ["max_bounces"]);
+    assert_eq!(keys("scheduler=wavefront,megakernel,in-flight=16k"), ["in-flight", "max_bounces"]);
+    assert_eq!(keys("scheduler=wavefront,megakernel,in-flight=16k,64k"), ["max_bounces"]);
     let mut broken_off = FakeRenderer::new(|_, _| 1.0);
-    let report = study(&["scheduler"], 1).run(&mut broken_off, &mut |_| ControlFlow::Break(()));
+    let report = study(&["scheduler=wavefront,megakernel"], 1).run(&mut broken_off, &mut |_| ControlFlow::Break(()));
     assert!(report.expect("nothing fails").shared_settings().is_empty(), "nothing was rendered");
 }
 
@@ -381,7 +384,7 @@ fn ratios_cover_the_truth() {
 #[test]
 fn medians_cover_the_truth() {
     let covered = (0..300).filter(|&seed| {
-        let mut study = study(&["scheduler"], 15);
+        let mut study = study(&["scheduler=wavefront,megakernel"], 15);
         study.bootstrap = Bootstrap { resamples: 300, seed, ..Bootstrap::default() };
         study.counting = false;
         let mut renderer = FakeRenderer::new(megakernel_takes(0.8, 0.1));
@@ -400,12 +403,13 @@ fn equal_speeds_are_within_noise_and_others_are_not() {
     let equal = (0..100).filter(|&seed| {
         let mut renderer = FakeRenderer::new(megakernel_takes(1.0, 0.03));
         renderer.random = SplitMix64::new(1000 + seed);
-        let report = run(&study(&["scheduler"], 12), &mut renderer);
+        let report = run(&study(&["scheduler=wavefront,megakernel"], 12), &mut renderer);
         report.scenes[0].combinations[1].ratio.expect("timed").within_noise
     });
     let equal = equal.count();
     assert!(equal >= 88, "{equal} of 100");
-    let report = run(&study(&["scheduler"], 12), &mut FakeRenderer::new(megakernel_takes(0.8, 0.03)));
+    let report =
+        run(&study(&["scheduler=wavefront,megakernel"], 12), &mut FakeRenderer::new(megakernel_takes(0.8, 0.03)));
     assert!(!report.scenes[0].combinations[1].ratio.expect("timed").within_noise);
     assert_eq!(report.scenes[0].combinations[1].rank, Some(1));
     assert_eq!(report.scenes[0].combinations[0].rank, Some(2));
@@ -449,7 +453,7 @@ fn drift_outliers_and_a_slow_start_are_found() {
             let mega = call.configuration.level("scheduler") == Some("megakernel") && call.purpose == Purpose::Timed;
             (if mega { seconds(call.before) } else { 1.0 }) * (1.0 + 0.004 * random.next_f64())
         });
-        let report = run(&study(&["scheduler"], 16), &mut renderer);
+        let report = run(&study(&["scheduler=wavefront,megakernel"], 16), &mut renderer);
         let [wavefront, megakernel] = &report.scenes[0].combinations[..] else { panic!("two combinations") };
         assert!(wavefront.warnings.is_empty(), "{:?}", wavefront.warnings);
         megakernel.warnings.clone()
@@ -467,7 +471,7 @@ fn drift_outliers_and_a_slow_start_are_found() {
 
 #[test]
 fn too_few_rounds_and_kernels_that_do_not_add_up_are_told() {
-    let report = run(&study(&["scheduler"], 3), &mut FakeRenderer::new(|_, _| 1.0));
+    let report = run(&study(&["scheduler=wavefront,megakernel"], 3), &mut FakeRenderer::new(|_, _| 1.0));
     assert_eq!(report.scenes[0].combinations[0].warnings, [Warning::FewRounds { rounds: 3 }]);
 }
 
@@ -509,7 +513,7 @@ fn a_study_that_is_broken_off_keeps_what_it_has() {
         let mut exports = Exports::open(vec![(Format::Json, path.clone())], 0.0).expect("can be written");
         let mut renders = 0;
         let mut written = 0;
-        let report = study(&["scheduler"], 10)
+        let report = study(&["scheduler=wavefront,megakernel"], 10)
             .run(&mut FakeRenderer::new(megakernel_takes(0.8, 0.01)), &mut |event| {
                 match event {
                     Event::Updated { report } => {

@@ -10,7 +10,7 @@ use common::reference_path::{Path, Reference};
 use common::{device, own_scene, render_on, scene_from};
 use glam::DVec3;
 use raywave::constants::COUNTED_BOUNCES;
-use raywave::render::{Outcome, Scheduler, Settings};
+use raywave::render::{Outcome, Scheduler, Settings, ShadowRays};
 use raywave::scene::{Integrator, Scene};
 
 /// Largest error of a pixel, as a share of its radiance plus the image's mean. The kernels round
@@ -84,7 +84,7 @@ fn assert_pixels(what: &str, actual: &[DVec3], expected: &[DVec3], tolerance: f6
 }
 
 /// Renders the scene with both integrators, short and long paths, with a roulette and without, by
-/// both schedulers.
+/// all schedulers.
 fn check(scene: &Scene, width: u32, height: u32) {
     let device = device();
     let short = [0.0, 0.3].map(|roulette| [0, 1, 4].map(|bounces| (Some(bounces), roulette)));
@@ -101,20 +101,26 @@ fn check(scene: &Scene, width: u32, height: u32) {
             assert_eq!(counts[COUNTED_BOUNCES as usize - 1], [0, 0], "paths too long to be counted by bounce; {case}");
             assert!(max_bounces == Some(0) || lit_surfaces(&paths) > 5, "too dark to tell; {case}");
 
-            let [_, shadow_rays] = total(&counts);
+            let [_, light_rays] = total(&counts);
             let [bounce_rays, _] = total(&counts[1..]);
             let sums = |power: fn(DVec3) -> DVec3| -> Vec<DVec3> {
                 paths.iter().map(|samples| samples.iter().map(|path| power(path.radiance)).sum()).collect()
             };
-            for scheduler in [Scheduler::Wavefront, Scheduler::Megakernel] {
-                let case = format!("{case}, {scheduler:?}");
-                let Outcome { film, statistics } = render_on(&device, scene, &Settings { scheduler, ..settings });
-                if scheduler == Scheduler::Wavefront {
+            for (scheduler, shadow_rays) in [
+                (Scheduler::Wavefront, ShadowRays::Deferred),
+                (Scheduler::Bounce, ShadowRays::Deferred),
+                (Scheduler::Bounce, ShadowRays::AtOnce),
+                (Scheduler::Megakernel, ShadowRays::AtOnce),
+            ] {
+                let case = format!("{case}, {scheduler:?}, shadow rays {shadow_rays:?}");
+                let settings = Settings { scheduler: Some(scheduler), shadow_rays, ..settings };
+                let Outcome { film, statistics } = render_on(&device, scene, &settings);
+                if scheduler != Scheduler::Megakernel {
                     let counted: Vec<_> = statistics.ray_counts.iter().map(|c| [c.rays(), c.shadow_rays()]).collect();
                     assert_eq!(counted, counts, "rays and shadow rays by bounce; {case}");
                 }
                 let counted = [statistics.camera_rays, statistics.bounce_rays, statistics.shadow_rays];
-                assert_eq!(counted, [counts[0][0], bounce_rays, shadow_rays], "camera, bounce, shadow rays; {case}");
+                assert_eq!(counted, [counts[0][0], bounce_rays, light_rays], "camera, bounce, shadow rays; {case}");
                 // Two samples are known by their sum and sum of squares, but for their order.
                 assert_pixels(&format!("{case}: sum"), &film.sum, &sums(|r| r), TOLERANCE);
                 let what = format!("{case}: sum of squares");

@@ -11,7 +11,9 @@ use raywave::bvh::{BvhKind, Ray, count_any, count_closest, trace_any, trace_clos
 use raywave::constants::NO_TRIANGLE;
 use raywave::gpu::Device;
 use raywave::rays::{RayClass, RayOrder, RayRecord};
-use raywave::render::{PreparedScene, QueuedRays, RenderError, Replay, Scheduler, Session, Settings, distances};
+use raywave::render::{
+    PreparedScene, QueuedRays, RenderError, Replay, Scheduler, Session, Settings, ShadowRays, distances,
+};
 use raywave::scene::{Integrator, Scene};
 
 const SIZE: u32 = 20;
@@ -90,14 +92,18 @@ fn dumps_are_the_same_to_the_last_bit() {
     let scene = own_scene("cornell-glass");
     let prepared = prepared(&scene);
     for (class, bounce) in [(RayClass::Camera, 0), (RayClass::Bounce, 2), (RayClass::Shadow, 1)] {
-        let rays = |in_flight, workgroup_size| {
-            let settings = Settings { in_flight, workgroup_size, ..settings(&scene) };
+        let rays_by = |scheduler, in_flight, workgroup_size| {
+            let settings = Settings { scheduler, in_flight, workgroup_size, ..settings(&scene) };
             dump(&device, &prepared, &settings, class, bounce).rays
         };
+        let rays = |in_flight, workgroup_size| rays_by(None, in_flight, workgroup_size);
         let reference = rays(None, None);
         assert!(reference.len() > 100);
         for (in_flight, workgroup) in [(None, None), (Some(PATHS), Some(64)), (Some(PATHS + 77), Some(32))] {
             assert!(bits(&rays(in_flight, workgroup)) == bits(&reference), "{class:?} {in_flight:?} {workgroup:?}");
+        }
+        for scheduler in [Scheduler::Wavefront, Scheduler::Bounce] {
+            assert!(bits(&rays_by(Some(scheduler), None, None)) == bits(&reference), "{class:?} {scheduler:?}");
         }
         // Fewer in flight are the first samples, or the first pixels.
         let fewer = rays(Some(SIZE * SIZE + 1), None);
@@ -293,14 +299,17 @@ fn many_rays_are_checked_at_places_that_are_evenly_spread() {
 }
 
 #[test]
-fn the_megakernel_has_no_queues() {
+fn rays_that_no_queue_holds_are_not_dumped() {
     let device = device();
     let scene = own_scene("cornell-box");
     let prepared = prepared(&scene);
-    let settings = Settings { scheduler: Scheduler::Megakernel, ..settings(&scene) };
-    let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
-    let result = session.dump_rays(&prepared, RayClass::Camera, 0, RayOrder::Slot);
-    assert!(matches!(result, Err(RenderError::NoQueues)));
+    let result = |scheduler, class| {
+        let settings = Settings { scheduler: Some(scheduler), shadow_rays: ShadowRays::AtOnce, ..settings(&scene) };
+        let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
+        session.dump_rays(&prepared, class, 0, RayOrder::Slot)
+    };
+    assert!(matches!(result(Scheduler::Megakernel, RayClass::Camera), Err(RenderError::NoQueues)));
+    assert!(matches!(result(Scheduler::Bounce, RayClass::Shadow), Err(RenderError::NoShadowQueue)));
 }
 
 #[test]

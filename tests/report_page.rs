@@ -22,7 +22,7 @@ use fake_renderer::{FakeRenderer, normal, study};
 /// A report with all that can be in one: two scenes, combinations that are faster, slower, within
 /// noise, of another estimator, wrong and failed, warnings, texts that need escapes.
 fn example() -> Report {
-    let mut study = study(&["scheduler,in-flight=16k,64k,1M,integrator"], 15);
+    let mut study = study(&["scheduler=wavefront,megakernel,in-flight=16k,64k,1M,integrator"], 15);
     study.bootstrap = Bootstrap { resamples: 1000, ..Bootstrap::default() };
     study.scenes = vec!["caustic".to_owned(), "glass".to_owned()];
     let mut renderer = FakeRenderer::new(|call, random| {
@@ -72,7 +72,7 @@ fn example() -> Report {
 
 /// A crossover that noise blurs.
 fn example_of_a_crossover() -> Report {
-    let mut study = study(&["scheduler,shading-cost"], 12);
+    let mut study = study(&["scheduler=wavefront,megakernel,shading-cost"], 12);
     study.bootstrap = Bootstrap { resamples: 1000, ..Bootstrap::default() };
     let mut renderer = FakeRenderer::new(|call, random| {
         let cost = call.configuration.count("shading-cost").unwrap_or(0) as f64;
@@ -272,7 +272,7 @@ fn a_page_of_a_study_that_has_only_begun_is_whole() {
     let mut pages = Vec::new();
     let (mut page, provenance) = (Page::new(0.0), provenance());
     let mut renderer = FakeRenderer::new(|_, _| 1.0);
-    let _ = study(&["scheduler,in-flight"], 2).run(&mut renderer, &mut |event| {
+    let _ = study(&["scheduler=wavefront,megakernel,in-flight"], 2).run(&mut renderer, &mut |event| {
         if let raywave::studies::Event::Updated { report } = event {
             pages.push(page.html(&Document { provenance: &provenance, report }));
         }

@@ -11,7 +11,7 @@ use common::{device, gallery, own_scene, project_file, render_on};
 use glam::DVec3;
 use rayon::prelude::*;
 use raywave::gpu::Device;
-use raywave::render::{Outcome, PreparedScene, RenderError, Scheduler, Session, Settings};
+use raywave::render::{Outcome, PreparedScene, RenderError, Scheduler, Session, Settings, ShadowRays};
 use raywave::scene::{Integrator, Scene};
 
 const SIZE: u32 = 20;
@@ -50,6 +50,14 @@ impl Render {
     }
 }
 
+/// Schedulers, and when they trace the rays to lights.
+const SCHEDULERS: [(Scheduler, ShadowRays); 4] = [
+    (Scheduler::Wavefront, ShadowRays::Deferred),
+    (Scheduler::Bounce, ShadowRays::Deferred),
+    (Scheduler::Bounce, ShadowRays::AtOnce),
+    (Scheduler::Megakernel, ShadowRays::AtOnce),
+];
+
 /// Paths in flight and workgroup size of the renders that are compared with one of all samples at
 /// once in workgroups of the device's choice. Every render builds its kernels anew, which takes most
 /// of its time, so not every pair is tried: what depends on either number differs in some pair.
@@ -75,13 +83,15 @@ fn schedulers_batches_and_workgroups_leave_no_trace() {
         let settings = Settings { integrator, ..Settings::of(scene) };
         let reference = Render::new(&device, scene, settings);
         assert!(reference.sums.iter().any(|sum| *sum != DVec3::ZERO), "{name} {integrator:?} is black");
-        for scheduler in [Scheduler::Wavefront, Scheduler::Megakernel] {
+        for (scheduler, shadow_rays) in SCHEDULERS {
             for (paths, workgroup) in CUTS {
                 let (in_flight, workgroup_size) = (Some(paths), Some(workgroup));
-                let settings = Settings { scheduler, in_flight, workgroup_size, ..settings };
+                let settings =
+                    Settings { scheduler: Some(scheduler), shadow_rays, in_flight, workgroup_size, ..settings };
                 assert!(
                     Render::new(&device, scene, settings) == reference,
-                    "{name}, {integrator:?} differs: {scheduler:?}, {paths} paths in flight, workgroups of {workgroup}"
+                    "{name}, {integrator:?} differs: {scheduler:?}, shadow rays {shadow_rays:?}, {paths} paths in \
+                     flight, workgroups of {workgroup}"
                 );
             }
         }
@@ -101,7 +111,7 @@ fn loops_that_the_driver_cuts_are_told() {
         width: 16,
         height: 16,
         samples: 1,
-        scheduler: Scheduler::Megakernel,
+        scheduler: Some(Scheduler::Megakernel),
         shading_cost: 32_768,
         ..Settings::of(&scene)
     };
@@ -115,8 +125,15 @@ fn loops_that_the_driver_cuts_are_told() {
 fn kernels_add_up_to_the_time_of_their_command_buffers() {
     let device = device();
     let scene = own_scene("cornell-box");
-    for scheduler in [Scheduler::Wavefront, Scheduler::Megakernel] {
-        let settings = Settings { width: 128, height: 128, samples: 8, scheduler, ..Settings::of(&scene) };
+    for (scheduler, shadow_rays) in SCHEDULERS {
+        let settings = Settings {
+            width: 128,
+            height: 128,
+            samples: 8,
+            scheduler: Some(scheduler),
+            shadow_rays,
+            ..Settings::of(&scene)
+        };
         let statistics = render_on(&device, &scene, &settings).statistics;
         let whole = statistics.gpu_seconds;
         let sum: f64 = statistics.kernels().values().map(|time| time.seconds).sum();

@@ -8,7 +8,7 @@ use std::fs;
 
 use common::{device, gallery, own_scene, project_file, render_on, scene_from};
 use rayon::prelude::*;
-use raywave::render::{Footprint, Outcome, PreparedScene, Scheduler, Settings, feature_costs};
+use raywave::render::{Footprint, Outcome, PreparedScene, Scheduler, Settings, ShadowRays, feature_costs};
 use raywave::scene::{Integrator, Scene};
 
 /// Every scene of `scenes/` and a small gallery.
@@ -30,15 +30,21 @@ fn kernels_for_any_scene_give_the_same_bits() {
     assert!(scenes.len() > 7, "scenes/ and the gallery");
     let renders = |scene: &Scene| {
         let own = small(scene);
-        let explicit = Settings { integrator: Integrator::Explicit, ..own };
+        let wavefront = Settings { scheduler: Some(Scheduler::Wavefront), ..own };
+        let explicit = Settings { integrator: Integrator::Explicit, ..wavefront };
+        let bounce = Settings { scheduler: Some(Scheduler::Bounce), ..explicit };
         [
             explicit,
-            Settings { integrator: Integrator::Implicit, ..own },
-            Settings { scheduler: Scheduler::Megakernel, ..explicit },
-            Settings { scheduler: Scheduler::Megakernel, integrator: Integrator::Implicit, ..own },
+            Settings { integrator: Integrator::Implicit, ..wavefront },
+            bounce,
+            Settings { shadow_rays: ShadowRays::AtOnce, ..bounce },
+            Settings { integrator: Integrator::Implicit, ..bounce },
+            Settings { max_bounces: Some(0), roulette: 0.0, ..bounce },
+            Settings { scheduler: Some(Scheduler::Megakernel), ..explicit },
+            Settings { scheduler: Some(Scheduler::Megakernel), integrator: Integrator::Implicit, ..own },
             Settings { max_bounces: None, roulette: 0.3, ..explicit },
             Settings { max_bounces: Some(0), roulette: 0.0, ..explicit },
-            Settings { max_bounces: Some(0), roulette: 0.0, scheduler: Scheduler::Megakernel, ..own },
+            Settings { max_bounces: Some(0), roulette: 0.0, scheduler: Some(Scheduler::Megakernel), ..own },
         ]
     };
     let cases: Vec<_> = scenes.iter().flat_map(|scene| renders(scene).map(|settings| (scene, settings))).collect();
@@ -73,6 +79,18 @@ fn what_a_scene_does_not_need_is_not_bound() {
     assert_eq!(bound(&scene, &implicit), of(&[&always, &["throughputs"]]));
     let unlit = Settings { max_bounces: Some(0), ..explicit };
     assert_eq!(bound(&scene, &unlit), of(&[&always]));
+    let bounce = Settings { scheduler: Some(Scheduler::Bounce), ..explicit };
+    let mut expected = of(&[&always, &["throughputs"], &lights]);
+    expected.remove("hits");
+    assert_eq!(bound(&scene, &bounce), expected);
+    // No shadow ray waits: they are traced at once, or there are none.
+    lights[1..].iter().for_each(|name| assert!(expected.remove(name)));
+    assert_eq!(bound(&scene, &Settings { shadow_rays: ShadowRays::AtOnce, ..bounce }), expected);
+    expected.remove("lights");
+    assert_eq!(bound(&scene, &Settings { integrator: Integrator::Implicit, ..bounce }), expected);
+    expected.remove("throughputs");
+    assert_eq!(bound(&scene, &Settings { max_bounces: Some(0), ..bounce }), expected);
+
     let any = Settings { specialize: false, ..explicit };
     let data = ["normals", "texture_coordinates", "textures", "environment", "environment_aliases"];
     assert_eq!(bound(&scene, &any), of(&[&always, &["throughputs", "stack_blocks"], &lights, &data]));

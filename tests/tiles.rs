@@ -42,8 +42,8 @@ fn tiles_leave_no_trace() {
     let device = device();
     for name in ["cornell-glass", "textured-sky"] {
         let scene = own_scene(name);
-        for scheduler in [Scheduler::Wavefront, Scheduler::Megakernel] {
-            let settings = Settings { scheduler, ..Settings::of(&scene) };
+        for scheduler in [Scheduler::Wavefront, Scheduler::Bounce, Scheduler::Megakernel] {
+            let settings = Settings { scheduler: Some(scheduler), ..Settings::of(&scene) };
             let whole = render(&device, &scene, settings, HEIGHT, |_| ControlFlow::Continue(()));
             assert!(whole.film.sum[0] != whole.film.sum[(WIDTH * HEIGHT / 2) as usize], "{name} is of one colour");
             // Paths in flight: a part of a tile's pixels, or all samples of one and a part of another's.

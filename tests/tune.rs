@@ -119,7 +119,7 @@ fn every_way_is_measured_and_the_choice_is_kept() {
     );
 
     assert_eq!(home.tunings(), [PathBuf::from(report["file"].as_str().expect("the file is told"))]);
-    let (settings, said, _) = home.render(&[]);
+    let (settings, said, _) = home.render(&["--scheduler", "wavefront"]);
     let chosen = &report["chosen"];
     let words = ["bvh", "scene_fetch"].map(|key| chosen[key].as_str().expect("a name"));
     let workgroup = chosen["workgroup_size_invocations"].as_u64().expect("a number");
@@ -131,7 +131,7 @@ fn every_way_is_measured_and_the_choice_is_kept() {
 fn renders_take_the_choice_and_give_the_same_image() {
     let home = Home::new();
     home.tune_oddly();
-    let (settings, _, image) = home.render(&[]);
+    let (settings, _, image) = home.render(&["--scheduler", "wavefront"]);
     assert_eq!(choice(&settings), ("bvh4", "storage", 64, true));
     let tuned = pixels(&image);
     assert!(tuned.iter().any(|pixel| *pixel != [0; 3]));
@@ -139,14 +139,16 @@ fn renders_take_the_choice_and_give_the_same_image() {
     assert!(!choice(&settings).3 && choice(&settings).0 != "bvh4" && !said.contains("tuned"));
     assert_eq!(pixels(&image), tuned, "a tuning changes the image");
 
-    // What is given stands; the megakernel's workgroup was not measured.
+    // What is given stands; the workgroups of other schedulers were not measured.
     let (settings, ..) = home.render(&["--bvh", "bvh2", "--workgroup", "32"]);
     assert_eq!(choice(&settings), ("bvh2", "storage", 32, true));
     let (settings, ..) = home.render(&["--bvh", "bvh2", "--workgroup", "32", "--fetch", "texel"]);
     assert_eq!(choice(&settings), ("bvh2", "texel", 32, false));
-    let (settings, ..) = home.render(&["--scheduler", "megakernel"]);
-    assert_eq!(choice(&settings).0, "bvh4");
-    assert_ne!(choice(&settings).2, 64);
+    for scheduler in ["bounce", "megakernel"] {
+        let (settings, ..) = home.render(&["--scheduler", scheduler]);
+        assert_eq!(choice(&settings).0, "bvh4");
+        assert_ne!(choice(&settings).2, 64);
+    }
 
     // Another size of scene, and no caches at all.
     let furnace = project_file("scenes/smooth.toml");

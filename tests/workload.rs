@@ -12,10 +12,16 @@ use raywave::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, 
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
 use raywave::layout::WorkCount;
-use raywave::render::{Outcome, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
+use raywave::render::{Outcome, PreparedScene, Scheduler, Session, SessionOptions, Settings, ShadowRays, Sort};
 use raywave::scene::Scene;
 
-const SCHEDULERS: [Scheduler; 2] = [Scheduler::Wavefront, Scheduler::Megakernel];
+/// Schedulers, and when they trace the rays to lights.
+const SCHEDULERS: [(Scheduler, ShadowRays); 4] = [
+    (Scheduler::Wavefront, ShadowRays::Deferred),
+    (Scheduler::Bounce, ShadowRays::Deferred),
+    (Scheduler::Bounce, ShadowRays::AtOnce),
+    (Scheduler::Megakernel, ShadowRays::AtOnce),
+];
 
 fn small(scene: &Scene) -> Settings {
     Settings { width: 24, height: 20, samples: 3, ..Settings::of(scene) }
@@ -52,8 +58,8 @@ fn work_that_is_added_or_moved_leaves_no_trace() {
         let scene = own_scene(name);
         let reference = sums(render_on(&device, &scene, &small(&scene)));
         assert!(reference.iter().any(|sum| *sum != DVec3::ZERO));
-        for scheduler in SCHEDULERS {
-            let plain = Settings { scheduler, ..small(&scene) };
+        for (scheduler, shadow_rays) in SCHEDULERS {
+            let plain = Settings { scheduler: Some(scheduler), shadow_rays, ..small(&scene) };
             let bvhs = BvhKind::all_of(scene.mesh.triangles.len()).map(|kind| Settings { bvh: Some(kind), ..plain });
             for settings in bvhs.chain([
                 Settings { shading_cost: 100, ..plain },
@@ -88,8 +94,8 @@ fn fast_arithmetic_moves_the_image_by_rounding_alone() {
 fn counted_items_are_the_rays() {
     let device = device();
     let scene = own_scene("cornell-glass");
-    for scheduler in SCHEDULERS {
-        let settings = Settings { scheduler, ..small(&scene) };
+    for (scheduler, shadow_rays) in SCHEDULERS {
+        let settings = Settings { scheduler: Some(scheduler), shadow_rays, ..small(&scene) };
         let plain = render_on(&device, &scene, &settings);
         let counted = count(&device, &scene, &settings);
         assert!(plain.film.sum == counted.film.sum, "{scheduler:?}: counting shows in the image");
@@ -109,12 +115,15 @@ fn counted_items_are_the_rays() {
 fn schedulers_do_the_same_work() {
     let device = device();
     let scene = own_scene("cornell-glass");
-    let work = |scheduler| {
-        let counted = count(&device, &scene, &Settings { scheduler, ..small(&scene) });
+    let work = |(scheduler, shadow_rays)| {
+        let counted = count(&device, &scene, &Settings { scheduler: Some(scheduler), shadow_rays, ..small(&scene) });
         let what = |count: &WorkCount| (count.items(), count.nodes(), count.triangles());
         counted.statistics.work_counts.iter().map(what).collect::<Vec<_>>()
     };
-    assert_eq!(work(Scheduler::Wavefront), work(Scheduler::Megakernel));
+    let expected = work(SCHEDULERS[0]);
+    for scheduler in &SCHEDULERS[1..] {
+        assert_eq!(work(*scheduler), expected, "{scheduler:?}");
+    }
 }
 
 #[test]
@@ -149,8 +158,8 @@ fn subgroups_take_no_more_steps_than_lanes_and_no_fewer_than_they_must() {
     }
     let lanes = u64::from(device.description().subgroup_size);
     let scene = own_scene("cornell-glass");
-    for scheduler in SCHEDULERS {
-        let counted = count(&device, &scene, &Settings { scheduler, ..small(&scene) });
+    for (scheduler, shadow_rays) in SCHEDULERS {
+        let counted = count(&device, &scene, &Settings { scheduler: Some(scheduler), shadow_rays, ..small(&scene) });
         let mut diverged = false;
         for count in stage(&counted, STAGE_EXTEND).into_iter().chain(stage(&counted, STAGE_CONNECT)) {
             let active = count.nodes() + count.triangles();

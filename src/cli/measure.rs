@@ -18,7 +18,9 @@ use crate::bvh::BvhKind;
 use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceKind};
 use crate::layout::WorkCount;
-use crate::render::{Fetch, Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, Sort};
+use crate::render::{
+    Fetch, Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, ShadowRays, Sort,
+};
 use crate::scene::{Integrator, Scene};
 use crate::studies::{
     BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
@@ -59,8 +61,9 @@ impl OpenScene {
 }
 
 /// The order in which a bounce runs its kernels, for tables.
-const KERNEL_ORDER: [&str; 10] = [
+const KERNEL_ORDER: [&str; 11] = [
     "megakernel",
+    "bounce",
     "generate",
     "extend",
     "count_bins",
@@ -130,7 +133,7 @@ impl DeviceRenderer {
     fn render(&mut self, configuration: &Configuration, purpose: Purpose) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
         let mut settings = configured(scene.settings, configuration)?;
-        scene.tuning.apply(&mut settings);
+        scene.tuning.apply(&mut settings, self.device.description().is_software());
         let key = configuration.to_string();
         match purpose {
             Purpose::First => self.render_first(settings, key),
@@ -239,8 +242,9 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             u32::try_from(count).map_err(|_| anyhow!("{factor}={level} is above {}", u32::MAX))
         };
         match (factor, level) {
-            ("scheduler", "wavefront") => settings.scheduler = Scheduler::Wavefront,
-            ("scheduler", "megakernel") => settings.scheduler = Scheduler::Megakernel,
+            ("scheduler", "wavefront") => settings.scheduler = Some(Scheduler::Wavefront),
+            ("scheduler", "bounce") => settings.scheduler = Some(Scheduler::Bounce),
+            ("scheduler", "megakernel") => settings.scheduler = Some(Scheduler::Megakernel),
             ("integrator", "implicit") => settings.integrator = Integrator::Implicit,
             ("integrator", "explicit") => settings.integrator = Integrator::Explicit,
             ("in-flight", _) => settings.in_flight = Some(count()?),
@@ -254,6 +258,8 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("fetch", "storage") => settings.fetch = Some(Fetch::Storage),
             ("sort", "none") => settings.sort = Sort::None,
             ("sort", "material") => settings.sort = Sort::Material,
+            ("shadow-rays", "deferred") => settings.shadow_rays = ShadowRays::Deferred,
+            ("shadow-rays", "at-once") => settings.shadow_rays = ShadowRays::AtOnce,
             ("fast-math", _) => settings.fast_math = level == "on",
             ("specialize", _) => settings.specialize = level == "on",
             ("shading-cost", _) => settings.shading_cost = count()?,
@@ -285,17 +291,17 @@ fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
         nonfinite_samples: statistics.nonfinite_samples.into(),
         rays: Rays { camera: statistics.camera_rays, bounce: statistics.bounce_rays, shadow: statistics.shadow_rays },
         kernels: rows,
-        bounces: if settings.scheduler == Scheduler::Wavefront { bounce_rows(outcome) } else { Vec::new() },
+        bounces: bounce_rows(outcome),
         memory_bytes: statistics.memory_bytes,
         path_state_bytes: path_state_bytes(settings, outcome),
         ..Measurement::default()
     }
 }
 
-/// Time and items of the wavefront's stages at each bounce.
+/// Time and items of each bounce's kernels; the megakernel has none.
 fn bounce_rows(outcome: &Outcome) -> Vec<BounceRow> {
     let statistics = &outcome.statistics;
-    let staged = |kernel: &str| matches!(kernel, "extend" | "shade" | "connect");
+    let staged = |kernel: &str| matches!(kernel, "extend" | "shade" | "connect" | "bounce");
     let mut rows: Vec<_> = statistics
         .passes
         .iter()
@@ -339,16 +345,26 @@ fn work_counters(counts: &[WorkCount], lanes: u32) -> WorkCounters {
 fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
     let statistics = &outcome.statistics;
     let samples = statistics.sample_count;
+    let rays = samples + statistics.bounce_rays;
+    // Paths that never scatter keep no throughput.
+    let throughput = if settings.specialize && settings.max_bounces == Some(0) { 0 } else { 16 };
+    // Generate writes origin, direction, throughput, radiance and a queue entry.
+    let generated = (3 * 16 + throughput + 4) * samples;
+    // At most all shadow rays reach the light, and then read and write a radiance.
+    let gathered = 2 * 16 * statistics.shadow_rays;
+    // Connect reads three records of a shadow ray, which shade or bounce writes.
+    let shadows = 2 * 3 * 16 * statistics.shadow_rays + gathered;
     // The radiance that resolve reads.
     let resolved = 16 * samples;
-    match settings.scheduler {
+    match statistics.scheduler {
         Scheduler::Megakernel => 16 * samples + resolved,
+        Scheduler::Bounce => {
+            // Bounce reads a queue entry, origin, direction and throughput, and writes them of what
+            // goes on.
+            let paths = (2 * 16 + throughput + 4) * (rays + statistics.bounce_rays);
+            generated + paths + if settings.shadow_rays == ShadowRays::Deferred { shadows } else { gathered } + resolved
+        }
         Scheduler::Wavefront => {
-            // Paths that never scatter keep no throughput.
-            let throughput = if settings.specialize && settings.max_bounces == Some(0) { 0 } else { 16 };
-            // Generate writes origin, direction, throughput, radiance and a queue entry.
-            let generated = (3 * 16 + throughput + 4) * samples;
-            let rays = samples + statistics.bounce_rays;
             // Extend reads a queue entry, origin and direction and writes a hit; shade reads a
             // queue entry, direction, throughput and hit.
             let traced = (4 + 3 * 16 + 4 + 2 * 16 + throughput) * rays;
@@ -356,9 +372,6 @@ fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
             let continued = (3 * 16 + 4) * statistics.bounce_rays;
             // A sort reads queue entry and hit twice, and writes and reads the sorted queue.
             let sorted = if settings.sort == Sort::None { 0 } else { 2 * (4 + 16) + 4 + 4 } * rays;
-            // Shade writes and connect reads a shadow ray of three records; at most all of them
-            // reach the light, and then read and write a radiance.
-            let shadows = (2 * 3 * 16 + 2 * 16) * statistics.shadow_rays;
             generated + traced + sorted + continued + shadows + resolved
         }
     }

@@ -5,7 +5,7 @@ use clap::ValueEnum;
 use super::open_device;
 use crate::bvh::BvhKind;
 use crate::gpu::Device;
-use crate::render::{Fetch, MAX_MATERIAL_BRANCHES, Scheduler, Settings, Sort};
+use crate::render::{Fetch, MAX_MATERIAL_BRANCHES, Scheduler, Settings, ShadowRays, Sort};
 use crate::scene::{Integrator, Scene};
 
 /// Arguments that say what a pixel is, in place of what the scene says.
@@ -35,9 +35,9 @@ pub struct PictureArguments {
     /// Device, by number or part of its name; see `raywave devices`
     #[arg(long, env = "RAYWAVE_DEVICE")]
     device: Option<String>,
-    /// How the work is cut into kernels; the image is the same to the last bit
-    #[arg(long, default_value = "wavefront")]
-    scheduler: SchedulerName,
+    /// How the work is cut into kernels; the image is the same to the last bit; without, by device
+    #[arg(long)]
+    scheduler: Option<SchedulerName>,
     /// Invocations of a workgroup
     #[arg(long, value_name = "SIZE", value_parser = clap::value_parser!(u32).range(1..=1024))]
     workgroup: Option<u32>,
@@ -62,6 +62,9 @@ pub struct PictureArguments {
     /// Order in which the wavefront shades
     #[arg(long, default_value = "none")]
     sort: SortName,
+    /// When the bounce scheduler traces the rays to lights
+    #[arg(long, value_name = "NAME", default_value = "deferred")]
+    shadow_rays: ShadowRaysName,
     /// Paths that an invocation of the megakernel follows one after the other; above 1 no path waits for its subgroup's longest
     #[arg(long, value_name = "PATHS", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     paths_per_invocation: Option<u32>,
@@ -94,6 +97,8 @@ enum IntegratorName {
 enum SchedulerName {
     /// A kernel a stage, queues between them
     Wavefront,
+    /// A kernel that takes paths to their next surface and shades it, a queue between bounces
+    Bounce,
     /// One kernel that follows a path from the camera to its end
     Megakernel,
 }
@@ -128,6 +133,14 @@ enum SortName {
     Material,
 }
 
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum ShadowRaysName {
+    /// By a kernel of their own, from a queue
+    Deferred,
+    /// Where they arise
+    AtOnce,
+}
+
 impl PictureArguments {
     /// The scene's settings, with what the command line says instead.
     ///
@@ -147,10 +160,11 @@ impl PictureArguments {
             max_bounces: self.max_bounces.map_or(given.max_bounces, |bounces| u32::try_from(bounces).ok()),
             roulette: self.roulette.unwrap_or(given.roulette),
             seed: self.seed,
-            scheduler: match self.scheduler {
+            scheduler: self.scheduler.map(|name| match name {
                 SchedulerName::Wavefront => Scheduler::Wavefront,
+                SchedulerName::Bounce => Scheduler::Bounce,
                 SchedulerName::Megakernel => Scheduler::Megakernel,
-            },
+            }),
             in_flight: self.in_flight,
             workgroup_size: self.workgroup,
             shading_cost: self.shading_cost,
@@ -159,6 +173,10 @@ impl PictureArguments {
             sort: match self.sort {
                 SortName::None => Sort::None,
                 SortName::Material => Sort::Material,
+            },
+            shadow_rays: match self.shadow_rays {
+                ShadowRaysName::Deferred => ShadowRays::Deferred,
+                ShadowRaysName::AtOnce => ShadowRays::AtOnce,
             },
             paths_per_invocation: self.paths_per_invocation,
             fast_math: self.fast_math,
@@ -243,10 +261,19 @@ pub fn sort_name(sort: Sort) -> &'static str {
     }
 }
 
+/// Name of a time to trace shadow rays, as the command line has it.
+pub fn shadow_rays_name(shadow_rays: ShadowRays) -> &'static str {
+    match shadow_rays {
+        ShadowRays::Deferred => "deferred",
+        ShadowRays::AtOnce => "at-once",
+    }
+}
+
 /// Name of a scheduler, as the command line has it.
 pub fn scheduler_name(scheduler: Scheduler) -> &'static str {
     match scheduler {
         Scheduler::Wavefront => "wavefront",
+        Scheduler::Bounce => "bounce",
         Scheduler::Megakernel => "megakernel",
     }
 }

@@ -17,7 +17,9 @@ use crate::render::{Fetch, PreparedScene, Progress, Session, Settings, Statistic
 use crate::scene::Scene;
 
 use super::devices::kind_name;
-use super::picture::{PictureArguments, bvh_name, fetch_name, integrator_name, scheduler_name, sort_name};
+use super::picture::{
+    PictureArguments, bvh_name, fetch_name, integrator_name, scheduler_name, shadow_rays_name, sort_name,
+};
 use super::tuning::{self, Tuning};
 use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
 
@@ -57,7 +59,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let mut settings = arguments.picture.settings(&scene)?;
     let device = arguments.picture.open_device()?;
     if arguments.picture.tuned() {
-        Tuning::of_scene(device.description(), &scene, arguments.quiet).apply(&mut settings);
+        let tuning = Tuning::of_scene(device.description(), &scene, arguments.quiet);
+        tuning.apply(&mut settings, device.description().is_software());
     }
     let prepared = PreparedScene::with_bvh(
         &scene,
@@ -164,10 +167,11 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "max_bounces": settings.max_bounces.map_or(-1, i64::from),
         "roulette": settings.roulette,
         "seed": settings.seed,
-        "scheduler": scheduler_name(settings.scheduler),
+        "scheduler": scheduler_name(statistics.scheduler),
         "shading_cost_steps": settings.shading_cost,
         "material_branches": settings.material_branches,
         "sort": sort_name(settings.sort),
+        "shadow_rays": shadow_rays_name(settings.shadow_rays),
         "paths_per_invocation": statistics.paths_per_invocation,
         "fast_math": settings.fast_math,
         "specialize": settings.specialize,

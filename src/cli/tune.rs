@@ -148,7 +148,7 @@ fn small(settings: Settings) -> Settings {
     let scale = (PIXELS / pixels).sqrt().min(1.0);
     let shrunk = |side: u32| ((f64::from(side) * scale) as u32).max(1);
     let (width, height) = (shrunk(settings.width), shrunk(settings.height));
-    let scheduler = Scheduler::Wavefront;
+    let scheduler = Some(Scheduler::Wavefront);
     Settings { width, height, samples: 1, in_flight: Some(width * height), scheduler, ..settings }
 }
 

@@ -114,11 +114,12 @@ impl Tuning {
         })
     }
 
-    /// Chooses what the settings leave open. The workgroup was measured with the wavefront's kernels,
-    /// and is for them alone.
-    pub fn apply(&self, settings: &mut Settings) {
+    /// Chooses what the settings leave open, on a device that is software, or is not. The workgroup was
+    /// measured with the wavefront's kernels, and is for them alone.
+    pub fn apply(&self, settings: &mut Settings, software: bool) {
         let Some(Traversal { bvh, fetch, workgroup_size }) = self.shared() else { return };
-        let workgroup = settings.scheduler == Scheduler::Wavefront && settings.workgroup_size.is_none();
+        let wavefront = settings.scheduler_for(software) == Scheduler::Wavefront;
+        let workgroup = wavefront && settings.workgroup_size.is_none();
         settings.tuned = workgroup || settings.bvh.is_none() || settings.fetch.is_none();
         settings.bvh.get_or_insert(bvh);
         settings.fetch.get_or_insert(fetch);
@@ -294,19 +295,26 @@ mod tests {
     #[test]
     fn what_the_user_sets_stands() {
         let open = Settings::of(&Scene::cornell_box());
-        let apply = |settings: Settings| {
+        let apply_on = |settings: Settings, software| {
             let mut settings = settings;
-            tuning().apply(&mut settings);
+            tuning().apply(&mut settings, software);
             (settings.bvh, settings.fetch, settings.workgroup_size, settings.tuned)
         };
+        let apply = |settings| apply_on(settings, false);
         let (bvh, fetch) = (Some(BvhKind::Bvh4), Some(Fetch::Storage));
         assert_eq!(apply(open), (bvh, fetch, Some(64), true));
         assert_eq!(apply(Settings { workgroup_size: Some(8), ..open }), (bvh, fetch, Some(8), true));
-        assert_eq!(apply(Settings { scheduler: Scheduler::Megakernel, ..open }), (bvh, fetch, None, true));
+        for scheduler in [Scheduler::Bounce, Scheduler::Megakernel] {
+            assert_eq!(apply(Settings { scheduler: Some(scheduler), ..open }), (bvh, fetch, None, true));
+        }
+        // Software devices bounce where the user does not say.
+        assert_eq!(apply_on(open, true), (bvh, fetch, None, true));
+        let wavefront = Settings { scheduler: Some(Scheduler::Wavefront), ..open };
+        assert_eq!(apply_on(wavefront, true), (bvh, fetch, Some(64), true));
         let set = Settings { bvh: Some(BvhKind::Bvh2), fetch: Some(Fetch::Texel), workgroup_size: Some(8), ..open };
         assert_eq!(apply(set), (set.bvh, set.fetch, Some(8), false));
         let mut untuned = open;
-        Tuning::default().apply(&mut untuned);
+        Tuning::default().apply(&mut untuned, false);
         assert_eq!(untuned, open);
     }
 }

@@ -81,6 +81,11 @@ impl DeviceDescription {
     pub fn cache_name(&self) -> String {
         self.identity.name()
     }
+
+    /// Whether it is software: its work runs on the CPU.
+    pub fn is_software(&self) -> bool {
+        self.kind == DeviceKind::Cpu
+    }
 }
 
 impl Instance {

@@ -1,10 +1,10 @@
 //! A queue of rays, frozen: what a bounce would trace, read back in the scene's terms.
 
+use super::batch;
 use super::plan::SampleRange;
 use super::prepare::PreparedScene;
 use super::session::{RenderError, Session};
-use super::settings::Scheduler;
-use super::wavefront;
+use super::settings::{Scheduler, ShadowRays};
 use crate::constants::NO_TRIANGLE;
 use crate::gpu::GpuError;
 use crate::rays::{RayClass, RayOrder, RayRecord};
@@ -22,8 +22,8 @@ pub struct QueuedRays {
 }
 
 impl Session {
-    /// Renders the first batch up to a bounce and reads the rays that wait there: those that `extend` would trace after
-    /// so many scattering events, or, of class shadow, those that `connect` would trace from the surfaces they found.
+    /// Renders the first batch up to a bounce and reads the rays that wait there: those that would be traced after
+    /// so many scattering events, or, of class shadow, those from the surfaces they found.
     /// `scene` is the session's own.
     ///
     /// # Errors
@@ -35,20 +35,23 @@ impl Session {
         bounce: u32,
         order: RayOrder,
     ) -> Result<QueuedRays, RenderError> {
-        if self.settings.scheduler != Scheduler::Wavefront {
+        let shadow = class == RayClass::Shadow;
+        if self.scheduler == Scheduler::Megakernel {
             return Err(RenderError::NoQueues);
         }
-        let shadow = class == RayClass::Shadow;
+        if shadow && self.scheduler == Scheduler::Bounce && self.settings.shadow_rays == ShadowRays::AtOnce {
+            return Err(RenderError::NoShadowQueue);
+        }
         self.clear()?;
         let tile = self.plan.tiles().next().expect("an image has a row");
-        let batch = self.plan.batches(tile, 0..self.settings.samples).next().expect("a render has a sample");
+        let range = self.plan.batches(tile, 0..self.settings.samples).next().expect("a render has a sample");
         let mut recording = Recording::default();
-        wavefront::begin(&mut recording, &self.plan, batch);
+        batch::begin(&mut recording, &self.plan, range);
         let (mut count, mut last) = (0, None);
         for at in 0..=bounce {
             // Shadow rays of a bounce are queued while it is shaded, the others by the bounce before.
             let shaded = if shadow { at..at + 1 } else { at.saturating_sub(1)..at };
-            wavefront::advance(&mut recording, self.settings.sort, self.shadows, batch, shaded);
+            self.advance(&mut recording, range, shaded);
             self.executor.submit(&std::mem::take(&mut recording))?;
             let control = self.control()?;
             count = if shadow { control.current_shadow_rays } else { control.current_rays };
@@ -86,7 +89,7 @@ impl Session {
         let mut rays: Vec<_> = places.into_iter().map(record).collect();
         rays.retain(RayRecord::is_sound);
         let left_out = u64::from(count) - rays.len() as u64;
-        Ok(QueuedRays { rays, left_out, batch })
+        Ok(QueuedRays { rays, left_out, batch: range })
     }
 
     /// Path slot and place in the buffers of each ray, in the order of the queue.

@@ -1,10 +1,12 @@
 //! Rendering: from a scene and settings to a film.
 //!
 //! [`PreparedScene`] is the scene as the kernels read it; [`Plan`] computes sizes and batches;
-//! `wavefront` and `megakernel` make recordings; [`Session`] uploads, runs and reads back, and can freeze a queue of
-//! rays, which a [`Replay`] runs through one kernel; [`Footprint`] tells what kernels and buffers amount to. Only
-//! session and replay touch [`crate::gpu`].
+//! `wavefront`, `bounce` and `megakernel` make recordings, between what `batch` begins and ends; [`Session`] uploads,
+//! runs and reads back, and can freeze a queue of rays, which a [`Replay`] runs through one kernel; [`Footprint`] tells
+//! what kernels and buffers amount to. Only session and replay touch [`crate::gpu`].
 
+mod batch;
+mod bounce;
 mod dump;
 mod footprint;
 mod megakernel;
@@ -21,4 +23,6 @@ pub use plan::{Plan, SampleRange, Tile};
 pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
 pub use replay::{Replay, ReplayOutcome, distances};
 pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
-pub use settings::{Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Scheduler, Settings, SettingsError, Sort, Traversal};
+pub use settings::{
+    Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Scheduler, Settings, SettingsError, ShadowRays, Sort, Traversal,
+};

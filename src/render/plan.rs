@@ -186,7 +186,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Scheduler, Sort};
+    use crate::render::{ShadowRays, Sort};
     use crate::scene::Integrator;
     use proptest::prelude::*;
 
@@ -208,13 +208,14 @@ mod tests {
             max_bounces: Some(4),
             roulette: 0.0,
             seed: 0,
-            scheduler: Scheduler::Wavefront,
+            scheduler: None,
             in_flight,
             workgroup_size: None,
             shading_cost: 0,
             material_branches: 1,
             bvh: None,
             sort: Sort::None,
+            shadow_rays: ShadowRays::Deferred,
             paths_per_invocation: None,
             fast_math: false,
             fetch: None,

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
 use super::plan::Plan;
-use super::settings::{Settings, Sort};
+use super::settings::{Settings, ShadowRays, Sort};
 use crate::alias::alias_table;
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
@@ -376,6 +376,7 @@ impl Needs {
             (SPEC_SHADING_COST, settings.shading_cost),
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
+            (SPEC_DEFERS_SHADOW_RAYS, (settings.shadow_rays == ShadowRays::Deferred).into()),
             (SPEC_BVH_WIDTH, bvh.width()),
             (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
         ] {

@@ -1,7 +1,7 @@
 //! A render on a device: uploads the scene, runs batch after batch, reads the film.
 
 use std::collections::BTreeMap;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
@@ -9,12 +9,12 @@ use thiserror::Error;
 
 use super::plan::{DeviceLimits, Plan, SampleRange, Tile};
 use super::prepare::{Needs, PrepareError, PreparedScene, SceneBuffer};
-use super::settings::{Fetch, Scheduler, Settings, Sort};
-use super::{megakernel, wavefront};
+use super::settings::{Fetch, Scheduler, Settings, ShadowRays, Sort};
+use super::{batch, bounce, megakernel, wavefront};
 use crate::bvh::BvhKind;
 use crate::constants::{COUNTED_BOUNCES, STAGES};
 use crate::film::FilmMoments;
-use crate::gpu::{BufferRole, BufferUse, Device, DeviceKind, Executor, ExecutorDescription, GpuError, KernelTime};
+use crate::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription, GpuError, KernelTime};
 use crate::layout::{Bins, Control, FilmPixel, Frame, RayCount, WorkCount};
 use crate::recording::Recording;
 use crate::shaders::{self, Access, Edition};
@@ -33,6 +33,10 @@ pub enum RenderError {
     CutLoops,
     #[error("the megakernel keeps no queues, so there are no rays to dump; use --scheduler wavefront")]
     NoQueues,
+    #[error(
+        "shadow rays that are traced at once are in no queue, so there are none to dump; use --shadow-rays deferred"
+    )]
+    NoShadowQueue,
     #[error("there are no {rays} rays at bounce {bounce}{}", of_last(*last))]
     NoRays { rays: &'static str, bounce: u32, last: Option<u32> },
     #[error(
@@ -107,6 +111,8 @@ pub struct Statistics {
     pub ray_counts: Vec<RayCount>,
     /// Bytes of device memory.
     pub memory_bytes: u64,
+    /// How the work was cut into kernels.
+    pub scheduler: Scheduler,
     /// Path slots.
     pub paths_in_flight: u32,
     /// Invocations of a workgroup.
@@ -163,8 +169,9 @@ pub struct Session {
     pub(super) executor: Executor,
     pub(super) plan: Plan,
     pub(super) settings: Settings,
-    /// Whether vertices send shadow rays.
-    pub(super) shadows: bool,
+    pub(super) scheduler: Scheduler,
+    /// Whether shadow rays wait in a queue for `connect`.
+    connects: bool,
     bvh: BvhKind,
     counting: bool,
 }
@@ -191,10 +198,18 @@ impl Session {
         let limits = limits(device);
         let max_film_bytes = options.film_bytes.unwrap_or(limits.max_film_bytes);
         let plan = Plan::new(settings, scene.bvh.depth, &DeviceLimits { max_film_bytes, ..limits });
-        let names = kernels(settings, &scene.needs(settings));
-        let executor = open_executor(device, scene, settings, &plan, &names, options)?;
-        let shadows = scene.needs(settings).shadows;
-        Ok(Self { executor, plan, settings: *settings, shadows, bvh: scene.bvh.kind, counting: options.counting })
+        let scheduler = settings.scheduler_for(limits.software);
+        let needs = scene.needs(settings);
+        let executor = open_executor(device, scene, settings, &plan, &kernels(scheduler, settings, &needs), options)?;
+        Ok(Self {
+            executor,
+            plan,
+            settings: *settings,
+            scheduler,
+            connects: connects(scheduler, settings, &needs),
+            bvh: scene.bvh.kind,
+            counting: options.counting,
+        })
     }
 
     /// Time that the driver took to build each kernel, by name.
@@ -287,36 +302,44 @@ impl Session {
 
     /// Takes a batch from the camera to the film.
     fn render_batch(&mut self, range: SampleRange) -> Result<(), GpuError> {
-        match self.settings.scheduler {
-            Scheduler::Wavefront => self.render_by_wavefront(range),
-            Scheduler::Megakernel => {
-                let mut recording = Recording::default();
-                megakernel::render(&mut recording, &self.plan, range);
-                self.executor.submit(&recording)
+        let mut recording = Recording::default();
+        match self.scheduler {
+            Scheduler::Wavefront | Scheduler::Bounce => {
+                batch::begin(&mut recording, &self.plan, range);
+                self.advance_to_the_end(&mut recording, range)?;
             }
+            Scheduler::Megakernel => megakernel::follow(&mut recording, &self.plan, range),
         }
+        batch::end(&mut recording, &self.plan, range);
+        self.executor.submit(&recording)
     }
 
-    fn render_by_wavefront(&mut self, range: SampleRange) -> Result<(), GpuError> {
-        let mut recording = Recording::default();
-        wavefront::begin(&mut recording, &self.plan, range);
+    /// Takes every path through its bounces. Leaves the last of them to be submitted.
+    fn advance_to_the_end(&mut self, recording: &mut Recording, range: SampleRange) -> Result<(), GpuError> {
         // The vertex after the last bounce still finds emission.
         let vertices = self.settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1));
         let mut bounce = 0;
         loop {
-            let end = vertices.min(bounce + BOUNCES_AT_ONCE);
-            wavefront::advance(&mut recording, self.settings.sort, self.shadows, range, bounce..end);
-            bounce = end;
+            let bounces = bounce..vertices.min(bounce + BOUNCES_AT_ONCE);
+            bounce = bounces.end;
+            self.advance(recording, range, bounces);
             if bounce == vertices {
-                break;
+                return Ok(());
             }
-            self.executor.submit(&std::mem::take(&mut recording))?;
+            self.executor.submit(&std::mem::take(recording))?;
             if self.control()?.current_rays == 0 {
-                break;
+                return Ok(());
             }
         }
-        wavefront::end(&mut recording, &self.plan, range);
-        self.executor.submit(&recording)
+    }
+
+    /// Takes the queued paths through the bounces.
+    pub(super) fn advance(&self, recording: &mut Recording, range: SampleRange, bounces: Range<u32>) {
+        match self.scheduler {
+            Scheduler::Wavefront => wavefront::advance(recording, self.settings.sort, self.connects, range, bounces),
+            Scheduler::Bounce => bounce::advance(recording, self.connects, range, bounces),
+            Scheduler::Megakernel => unreachable!("the megakernel queues no paths"),
+        }
     }
 
     pub(super) fn control(&mut self) -> Result<Control, GpuError> {
@@ -375,6 +398,7 @@ impl Session {
             passes: self.executor.kernel_times().clone(),
             ray_counts,
             memory_bytes: self.executor.memory_bytes(),
+            scheduler: self.scheduler,
             paths_in_flight: self.plan.path_capacity,
             workgroup_size: self.plan.workgroup_size,
             paths_per_invocation: self.plan.paths_per_invocation,
@@ -386,11 +410,23 @@ impl Session {
 }
 
 /// Kernels of a render.
-pub(super) fn kernels(settings: &Settings, needs: &Needs) -> Vec<&'static str> {
-    match settings.scheduler {
-        Scheduler::Wavefront => wavefront::kernels(settings.sort, needs.shadows),
+pub(super) fn kernels(scheduler: Scheduler, settings: &Settings, needs: &Needs) -> Vec<&'static str> {
+    let connects = connects(scheduler, settings, needs);
+    match scheduler {
+        Scheduler::Wavefront => wavefront::kernels(settings.sort, connects),
+        Scheduler::Bounce => bounce::kernels(connects),
         Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
     }
+}
+
+/// Whether shadow rays wait in a queue for `connect`: there are some, and they are not traced where they arise.
+fn connects(scheduler: Scheduler, settings: &Settings, needs: &Needs) -> bool {
+    needs.shadows
+        && match scheduler {
+            Scheduler::Wavefront => true,
+            Scheduler::Bounce => settings.shadow_rays == ShadowRays::Deferred,
+            Scheduler::Megakernel => false,
+        }
 }
 
 /// What a plan must know of a device.
@@ -401,7 +437,7 @@ pub(super) fn limits(device: &Device) -> DeviceLimits {
         max_workgroups: description.max_workgroups,
         max_storage_buffer_bytes: description.max_storage_buffer_bytes,
         max_film_bytes: description.max_storage_buffer_bytes,
-        software: description.kind == DeviceKind::Cpu,
+        software: description.is_software(),
     }
 }
 

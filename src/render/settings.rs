@@ -52,8 +52,8 @@ pub struct Settings {
     pub roulette: f64,
     /// Seed of the random numbers.
     pub seed: u32,
-    /// How the work is cut into kernels.
-    pub scheduler: Scheduler,
+    /// How the work is cut into kernels; `None` leaves it to the device.
+    pub scheduler: Option<Scheduler>,
     /// Paths in flight; `None` leaves it to the device.
     pub in_flight: Option<u32>,
     /// Invocations of a workgroup, a power of two; `None` leaves it to the device.
@@ -69,6 +69,8 @@ pub struct Settings {
     pub bvh: Option<BvhKind>,
     /// The order in which the wavefront shades.
     pub sort: Sort,
+    /// When the bounce scheduler traces the rays to lights.
+    pub shadow_rays: ShadowRays,
     /// Paths that an invocation of the megakernel follows one after the other, at least 1. Above 1
     /// it takes a new path as soon as one has ended, and none waits for its subgroup's longest.
     /// `None` leaves it to the device.
@@ -122,11 +124,22 @@ pub enum Sort {
     Material,
 }
 
+/// When the bounce scheduler traces the rays to lights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ShadowRays {
+    /// By a kernel of their own, from a queue, so that every lane has one.
+    Deferred,
+    /// Where they arise: nothing of them is written down, and lanes without one wait.
+    AtOnce,
+}
+
 /// How the work is cut into kernels. The image is the same to the last bit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Scheduler {
     /// A kernel a stage, queues between them.
     Wavefront,
+    /// A kernel that takes paths to their next surface and shades it, a queue between bounces.
+    Bounce,
     /// One kernel that follows a path from the camera to its end.
     Megakernel,
 }
@@ -142,19 +155,27 @@ impl Settings {
             max_bounces: scene.defaults.max_bounces,
             roulette: scene.defaults.roulette,
             seed: 0,
-            scheduler: Scheduler::Wavefront,
+            scheduler: None,
             in_flight: None,
             workgroup_size: None,
             shading_cost: 0,
             material_branches: 1,
             bvh: None,
             sort: Sort::None,
+            shadow_rays: ShadowRays::Deferred,
             paths_per_invocation: None,
             fast_math: false,
             fetch: None,
             tuned: false,
             specialize: true,
         }
+    }
+
+    /// How the work is cut on a device that is software, or is not. Of the three, bounce is the fastest
+    /// on software devices, where state is dear; it cannot sort.
+    pub fn scheduler_for(&self, software: bool) -> Scheduler {
+        let preferred = if software && self.sort == Sort::None { Scheduler::Bounce } else { Scheduler::Wavefront };
+        self.scheduler.unwrap_or(preferred)
     }
 
     /// The shape of the BVH of so many triangles on a device of so many lanes a subgroup. On lavapipe's

@@ -3,31 +3,24 @@
 use std::mem::offset_of;
 use std::ops::Range;
 
-use super::plan::{Plan, SampleRange};
+use super::plan::SampleRange;
 use super::settings::Sort;
 use crate::layout::Control;
 use crate::recording::Recording;
 
 /// Kernels that the recordings name.
-pub fn kernels(sort: Sort, shadows: bool) -> Vec<&'static str> {
+pub fn kernels(sort: Sort, connects: bool) -> Vec<&'static str> {
     let sorting: &[&str] = match sort {
         Sort::None => &[],
         Sort::Material => &["count_bins", "place_bins", "sort_rays"],
     };
-    let connecting: &[&str] = if shadows { &["connect"] } else { &[] };
+    let connecting: &[&str] = if connects { &["connect"] } else { &[] };
     let all = ["generate", "extend", "shade", "prepare_dispatch", "resolve"];
     all.iter().chain(connecting).chain(sorting).copied().collect()
 }
 
-/// Starts a batch: a path in every slot.
-pub fn begin(recording: &mut Recording, plan: &Plan, range: SampleRange) {
-    let batch = range.at_bounce(0);
-    recording.dispatch("generate", plan.groups(range.pixel_count * range.sample_count), batch);
-    recording.dispatch("prepare_dispatch", 1, batch);
-}
-
 /// Takes every path through the bounces: find the next vertex, shade it, gather its light.
-pub fn advance(recording: &mut Recording, sort: Sort, shadows: bool, range: SampleRange, bounces: Range<u32>) {
+pub fn advance(recording: &mut Recording, sort: Sort, connects: bool, range: SampleRange, bounces: Range<u32>) {
     for bounce in bounces {
         let batch = range.at_bounce(bounce);
         recording.dispatch_indirect("extend", offset_of!(Control, ray_groups), batch);
@@ -38,13 +31,8 @@ pub fn advance(recording: &mut Recording, sort: Sort, shadows: bool, range: Samp
         }
         recording.dispatch_indirect("shade", offset_of!(Control, ray_groups), batch);
         recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
-        if shadows {
+        if connects {
             recording.dispatch_indirect("connect", offset_of!(Control, shadow_groups), batch);
         }
     }
-}
-
-/// Ends a batch: its samples go to the film.
-pub fn end(recording: &mut Recording, plan: &Plan, range: SampleRange) {
-    recording.dispatch("resolve", plan.groups(range.pixel_count), range.at_bounce(0));
 }

@@ -53,7 +53,7 @@ pub const FACTORS: &[FactorKind] = &[
     FactorKind {
         name: "scheduler",
         role: Role::Schedule,
-        levels: Levels::Named(&["wavefront", "megakernel"]),
+        levels: Levels::Named(&["wavefront", "bounce", "megakernel"]),
         meaning: "scheduler",
     },
     FactorKind {
@@ -91,6 +91,12 @@ pub const FACTORS: &[FactorKind] = &[
         role: Role::Schedule,
         levels: Levels::Named(&["none", "material"]),
         meaning: "order of shading",
+    },
+    FactorKind {
+        name: "shadow-rays",
+        role: Role::Schedule,
+        levels: Levels::Named(&["deferred", "at-once"]),
+        meaning: "when the bounce scheduler traces shadow rays",
     },
     FactorKind {
         name: "specialize",

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{Scheduler, Settings, Sort};
+use raywave::render::{Settings, ShadowRays, Sort};
 use raywave::scene::Integrator::{self, Explicit, Implicit};
 use raywave::stats::{sidak_level, z_test};
 
@@ -35,13 +35,14 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         max_bounces: Some(bounces),
         roulette: 0.0,
         seed: 1,
-        scheduler: Scheduler::Wavefront,
+        scheduler: None,
         in_flight: None,
         workgroup_size: None,
         shading_cost: 0,
         material_branches: 1,
         bvh: None,
         sort: Sort::None,
+        shadow_rays: ShadowRays::Deferred,
         paths_per_invocation: None,
         fast_math: false,
         fetch: None,

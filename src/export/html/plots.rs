@@ -12,7 +12,8 @@ const ROW: f64 = 26.0;
 const FOOT: f64 = 44.0;
 
 /// Colours of kernels that are known by name; others take what is left, in their order.
-const KERNELS: [&str; 7] = ["generate", "extend", "shade", "connect", "resolve", "prepare_dispatch", "megakernel"];
+const KERNELS: [&str; 8] =
+    ["generate", "extend", "shade", "connect", "resolve", "prepare_dispatch", "megakernel", "bounce"];
 /// Classes `k0` to `k9` of the page's style.
 const KERNEL_COLOURS: usize = 10;
 
