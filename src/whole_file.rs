@@ -28,10 +28,10 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -
     })
 }
 
-/// As [`write`], for a file that is not filled from its start to its end. It is not buffered.
+/// As [`write()`], for a file that is not filled from its start to its end. It is not buffered.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_freely(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -> io::Result<()> {
     let mut file = beside(path)?;
     fill(file.as_file_mut())?;

@@ -108,7 +108,7 @@ impl Bvh {
     /// Builds the hierarchy of at least 1 and at most [`MAX_TRIANGLES`] triangles. It is of use if it
     /// has no more than [`BvhKind::max_nodes`].
     ///
-    /// Whatever its shape, it comes from one kind of binary tree, see [`binary_tree`].
+    /// Whatever its shape, it comes from one kind of binary tree: PLOC with reinsertion, no spatial splits.
     pub fn build(kind: BvhKind, triangles: &[[Vec3; 3]]) -> Self {
         let start = Instant::now();
         if kind == BvhKind::List {
