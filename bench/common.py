@@ -78,7 +78,9 @@ def run(command, **options):
     except OSError as error:
         raise Failure(f"{command[0]}: cannot be started: {error.strerror}") from error
     if done.returncode != 0:
-        said = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
+        code = done.returncode
+        ended = f"exit code {code}" if code > 0 else f"ended by signal {-code}"
+        said = " ".join(done.stderr.split()) or ended
         raise Failure(f"{pathlib.Path(command[0]).name} {command[1]}: {said[-2000:]}")
     return done.stdout
 
