@@ -558,11 +558,11 @@ fn arguments_become_a_study() {
         let study = compare::study(&command_line(arguments)).expect(arguments);
         study.design.combinations().len()
     };
-    assert_eq!(combinations(""), 2, "schedulers, where nothing is said");
-    assert_eq!(combinations("--vary scheduler,workgroup=64,256 --vary in-flight=16k,64k,1M"), 12);
-    assert_eq!(combinations("--crossover"), 2 * 5);
-    assert_eq!(combinations("--crossover shading-cost"), 2 * 5);
-    assert_eq!(combinations("--crossover --vary shading-cost=0,64"), 2 * 2);
+    assert_eq!(combinations(""), 3, "schedulers, where nothing is said");
+    assert_eq!(combinations("--vary scheduler,workgroup=64,256 --vary in-flight=16k,64k,1M"), 3 * 6);
+    assert_eq!(combinations("--crossover"), 3 * 5);
+    assert_eq!(combinations("--crossover shading-cost"), 3 * 5);
+    assert_eq!(combinations("--crossover --vary shading-cost=0,64"), 3 * 2);
     let study = compare::study(&command_line("a.toml b.toml --rounds 8 --until 3% --max-rounds 50")).expect("fits");
     assert_eq!(study.rounds, Rounds { min: 8, max: 50, until: Some(0.03) });
     assert_eq!(study.scenes, ["a.toml", "b.toml"]);
