@@ -1,6 +1,6 @@
 // Adds the light of every shadow ray that nothing blocks. A path has one shadow ray a bounce, so
 // no two invocations add to the same slot.
-// Threads: one a current shadow ray. Reads: shadow rays, scene. Writes: radiances.
+// Threads: one a current shadow ray. Reads: shadow rays, scene. Writes: radiances, control.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #ifdef SUBGROUP_BALLOT
@@ -8,8 +8,10 @@
 #extension GL_KHR_shader_subgroup_ballot : require
 #endif
 #include "constants.glsl"
+#define CONTROL_ACCESS
 #include "path_state.glsl"
 #include "bvh.glsl"
+#include "cut_loops.glsl"
 
 layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
@@ -23,4 +25,5 @@ void main() {
         }
         count_item(STAGE_CONNECT, batch.bounce);
     }
+    tell_cut_loops();
 }

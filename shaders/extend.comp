@@ -1,5 +1,5 @@
 // Finds the nearest hit of every current ray.
-// Threads: one a current ray. Reads: ray queue, rays, scene. Writes: hits.
+// Threads: one a current ray. Reads: ray queue, rays, scene. Writes: hits, control.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #ifdef SUBGROUP_BALLOT
@@ -7,8 +7,10 @@
 #extension GL_KHR_shader_subgroup_ballot : require
 #endif
 #include "constants.glsl"
+#define CONTROL_ACCESS
 #include "path_state.glsl"
 #include "bvh.glsl"
+#include "cut_loops.glsl"
 
 layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
@@ -19,4 +21,5 @@ void main() {
         store_hit(slot, trace_closest(load_ray(slot)));
         count_item(STAGE_EXTEND, batch.bounce);
     }
+    tell_cut_loops();
 }

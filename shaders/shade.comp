@@ -12,6 +12,7 @@
 #define CONTROL_ACCESS
 #include "path_state.glsl"
 #include "append.glsl"
+#include "cut_loops.glsl"
 #include "work.glsl"
 
 layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
@@ -56,4 +57,5 @@ void main() {
             ray_queue.paths[((batch.bounce + 1u) & 1u) * frame.path_capacity + next_place] = slot;
         }
     }
+    tell_cut_loops();
 }

@@ -379,7 +379,8 @@ fn statistics_and_metadata_hold_every_setting() {
     let folder = Folder::new();
     let flags =
         ["--integrator", "implicit", "--max-bounces", "-1", "--roulette", "0.25", "--seed", "7", "--in-flight", "100"];
-    folder.succeed(&[&["render", "-o", "box.exr", "--stats", "box.json"], &TINY[..], &flags[..]].concat());
+    let output = ["render", "-o", "box.exr", "--stats", "box.json", "--scheduler", "bounce"];
+    folder.succeed(&[&output, &TINY[..], &flags[..]].concat());
 
     let json = fs::read_to_string(folder.path("box.json")).expect("the statistics are written");
     let statistics: Value = serde_json::from_str(&json).expect("the statistics are JSON");
@@ -498,7 +499,7 @@ fn start_up_leaves_no_file() {
     let before = folder.files();
     let home = folder.0.path().as_os_str();
     let output = folder
-        .command(&["start-up", "lamp.toml", "--rounds", "1", "--width", "8", "--height", "8"])
+        .command(&["start-up", "lamp.toml", "--rounds", "1", "--width", "8", "--height", "8", "--scheduler", "bounce"])
         .envs([("HOME", home), ("XDG_CACHE_HOME", home), ("MESA_SHADER_CACHE_DIR", home)])
         .output()
         .expect("the program starts");

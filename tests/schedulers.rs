@@ -106,19 +106,28 @@ fn loops_that_the_driver_cuts_are_told() {
         return;
     }
     let scene = own_scene("cornell-box");
-    // Eight bounces of 32,768 steps are four times what lavapipe runs.
-    let settings = Settings {
-        width: 16,
-        height: 16,
-        samples: 1,
-        scheduler: Some(Scheduler::Megakernel),
-        shading_cost: 32_768,
-        ..Settings::of(&scene)
-    };
     let prepared = PreparedScene::new(&scene).expect("the scene fits");
-    let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
-    let result = session.render(|_| ControlFlow::Continue(()));
-    assert!(matches!(result, Err(RenderError::CutLoops)));
+    for (scheduler, shading_cost, cuts) in [
+        // Eight bounces of 32,768 steps are four times what lavapipe runs.
+        (Scheduler::Megakernel, 32_768, true),
+        (Scheduler::Wavefront, 32_768, false),
+        (Scheduler::Bounce, 32_768, false),
+        // One vertex alone is over it.
+        (Scheduler::Wavefront, 70_000, true),
+        (Scheduler::Bounce, 70_000, true),
+    ] {
+        let settings = Settings {
+            width: 16,
+            height: 16,
+            samples: 1,
+            scheduler: Some(scheduler),
+            shading_cost,
+            ..Settings::of(&scene)
+        };
+        let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
+        let result = session.render(|_| ControlFlow::Continue(()));
+        assert_eq!(matches!(result, Err(RenderError::CutLoops)), cuts, "{scheduler:?}, {shading_cost} steps");
+    }
 }
 
 #[test]

@@ -133,7 +133,8 @@ impl DeviceRenderer {
     fn render(&mut self, configuration: &Configuration, purpose: Purpose) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
         let mut settings = configured(scene.settings, configuration)?;
-        scene.tuning.apply(&mut settings, self.device.description().is_software());
+        let device = self.device.description();
+        scene.tuning.apply(&mut settings, device.is_software(), device.subgroup_size);
         let key = configuration.to_string();
         match purpose {
             Purpose::First => self.render_first(settings, key),

@@ -60,7 +60,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let device = arguments.picture.open_device()?;
     if arguments.picture.tuned() {
         let tuning = Tuning::of_scene(device.description(), &scene, arguments.quiet);
-        tuning.apply(&mut settings, device.description().is_software());
+        tuning.apply(&mut settings, device.description().is_software(), device.description().subgroup_size);
     }
     let prepared = PreparedScene::with_bvh(
         &scene,

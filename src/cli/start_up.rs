@@ -211,7 +211,7 @@ pub fn run_command(arguments: &StartUpArguments) -> anyhow::Result<()> {
     let mut settings = arguments.picture.settings(&scene)?;
     if arguments.picture.tuned() {
         let device = Instance::new(false)?.choose(arguments.picture.device())?;
-        Tuning::of_scene(&device, &scene, false).apply(&mut settings, device.is_software());
+        Tuning::of_scene(&device, &scene, false).apply(&mut settings, device.is_software(), device.subgroup_size);
     }
     let measured = measure(arguments.scene.as_deref(), arguments.picture.device(), &settings, arguments.rounds)?;
     let settings = &measured.cold[0].told.settings;

@@ -114,11 +114,11 @@ impl Tuning {
         })
     }
 
-    /// Chooses what the settings leave open, on a device that is software, or is not. The workgroup was
-    /// measured with the wavefront's kernels, and is for them alone.
-    pub fn apply(&self, settings: &mut Settings, software: bool) {
+    /// Chooses what the settings leave open, on a device of so many lanes a subgroup, which is software or is
+    /// not. The workgroup was measured with the wavefront's kernels, and is for them alone.
+    pub fn apply(&self, settings: &mut Settings, software: bool, lanes: u32) {
         let Some(Traversal { bvh, fetch, workgroup_size }) = self.shared() else { return };
-        let wavefront = settings.scheduler_for(software) == Scheduler::Wavefront;
+        let wavefront = settings.scheduler_for(software, lanes) == Scheduler::Wavefront;
         let workgroup = wavefront && settings.workgroup_size.is_none();
         settings.tuned = workgroup || settings.bvh.is_none() || settings.fetch.is_none();
         settings.bvh.get_or_insert(bvh);
@@ -297,7 +297,7 @@ mod tests {
         let open = Settings::of(&Scene::cornell_box());
         let apply_on = |settings: Settings, software| {
             let mut settings = settings;
-            tuning().apply(&mut settings, software);
+            tuning().apply(&mut settings, software, 8);
             (settings.bvh, settings.fetch, settings.workgroup_size, settings.tuned)
         };
         let apply = |settings| apply_on(settings, false);
@@ -307,14 +307,14 @@ mod tests {
         for scheduler in [Scheduler::Bounce, Scheduler::Megakernel] {
             assert_eq!(apply(Settings { scheduler: Some(scheduler), ..open }), (bvh, fetch, None, true));
         }
-        // Software devices bounce where the user does not say.
+        // Software devices of eight lanes bounce where the user does not say.
         assert_eq!(apply_on(open, true), (bvh, fetch, None, true));
         let wavefront = Settings { scheduler: Some(Scheduler::Wavefront), ..open };
         assert_eq!(apply_on(wavefront, true), (bvh, fetch, Some(64), true));
         let set = Settings { bvh: Some(BvhKind::Bvh2), fetch: Some(Fetch::Texel), workgroup_size: Some(8), ..open };
         assert_eq!(apply(set), (set.bvh, set.fetch, Some(8), false));
         let mut untuned = open;
-        Tuning::default().apply(&mut untuned, false);
+        Tuning::default().apply(&mut untuned, false, 8);
         assert_eq!(untuned, open);
     }
 }

@@ -28,7 +28,7 @@ pub enum RenderError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     #[error(
-        "the driver leaves a kernel's loops before their end, so the image would be wrong; use --scheduler wavefront, or fewer bounces"
+        "the driver leaves a kernel's loops before their end, so the image would be wrong; use another --scheduler than megakernel, or a smaller --shading-cost"
     )]
     CutLoops,
     #[error("the megakernel keeps no queues, so there are no rays to dump; use --scheduler wavefront")]
@@ -198,7 +198,7 @@ impl Session {
         let limits = limits(device);
         let max_film_bytes = options.film_bytes.unwrap_or(limits.max_film_bytes);
         let plan = Plan::new(settings, scene.bvh.depth, &DeviceLimits { max_film_bytes, ..limits });
-        let scheduler = settings.scheduler_for(limits.software);
+        let scheduler = settings.scheduler_for(limits.software, device.description().subgroup_size);
         let needs = scene.needs(settings);
         let executor = open_executor(device, scene, settings, &plan, &kernels(scheduler, settings, &needs), options)?;
         Ok(Self {

@@ -171,11 +171,17 @@ impl Settings {
         }
     }
 
-    /// How the work is cut on a device that is software, or is not. Of the three, bounce is the fastest
-    /// on software devices, where state is dear; it cannot sort.
-    pub fn scheduler_for(&self, software: bool) -> Scheduler {
-        let preferred = if software && self.sort == Sort::None { Scheduler::Bounce } else { Scheduler::Wavefront };
-        self.scheduler.unwrap_or(preferred)
+    /// How the work is cut on a device of so many lanes a subgroup, which is software or is not. On
+    /// lavapipe, with eight, bounce is the fastest; on SwiftShader, with four, the wavefront. Bounce
+    /// cannot sort.
+    pub fn scheduler_for(&self, software: bool, lanes: u32) -> Scheduler {
+        let bounce = software && lanes >= 8 && self.sort == Sort::None;
+        self.scheduler.unwrap_or(if bounce { Scheduler::Bounce } else { Scheduler::Wavefront })
+    }
+
+    /// As [`Settings::scheduler_for`] on lavapipe: for those who have no device.
+    pub fn scheduler_without_device(&self) -> Scheduler {
+        self.scheduler_for(true, 8)
     }
 
     /// The shape of the BVH of so many triangles on a device of so many lanes a subgroup. On lavapipe's
@@ -212,5 +218,22 @@ impl Settings {
             return Err(SettingsError::Endless);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scheduler_follows_device_and_sort() {
+        let given = Settings::of(&Scene::cornell_box());
+        assert_eq!(given.scheduler_for(true, 8), Scheduler::Bounce);
+        assert_eq!(given.scheduler_for(true, 4), Scheduler::Wavefront);
+        assert_eq!(given.scheduler_for(false, 32), Scheduler::Wavefront);
+        let sorted = Settings { sort: Sort::Material, ..given };
+        assert_eq!(sorted.scheduler_for(true, 8), Scheduler::Wavefront);
+        let chosen = Settings { scheduler: Some(Scheduler::Megakernel), ..sorted };
+        assert_eq!(chosen.scheduler_for(true, 8), Scheduler::Megakernel);
     }
 }
