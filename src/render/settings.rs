@@ -179,11 +179,6 @@ impl Settings {
         self.scheduler.unwrap_or(if bounce { Scheduler::Bounce } else { Scheduler::Wavefront })
     }
 
-    /// As [`Settings::scheduler_for`] on lavapipe: for those who have no device.
-    pub fn scheduler_without_device(&self) -> Scheduler {
-        self.scheduler_for(true, 8)
-    }
-
     /// The shape of the BVH of so many triangles on a device of so many lanes a subgroup. On lavapipe's
     /// eight lanes the eight-wide one is the faster and a list faster still as long as it is short; on
     /// SwiftShader's four it is the two-wide one.
