@@ -54,7 +54,7 @@ impl Footprint {
         let constants = needs.specialization(settings, &plan, scene.bvh.kind);
         let mut bound = HashSet::new();
         let mut instructions = Vec::new();
-        for name in kernels(settings.scheduler_for(false, 32), settings, needs) {
+        for name in kernels(settings.scheduler_for(false, 32, scene.bvh.kind), settings, needs) {
             let kernel = shaders::kernel(name).variant(Edition::Exact, access).specialize(&constants);
             bound.extend(kernel.bindings.iter().map(|binding| binding.name));
             instructions.push((name, kernel.instructions));
