@@ -102,7 +102,7 @@ impl Report<'_> {
         writeln!(
             text,
             "\n{:<24} {:>14} {:>14}",
-            scheduler_name(settings.scheduler_without_device()),
+            scheduler_name(settings.scheduler_for(false, 32, prepared.bvh.kind)),
             "for this scene",
             "for any"
         )?;
@@ -172,7 +172,7 @@ impl Report<'_> {
             "bvh_depth": depth,
             "bvh_sah_cost": sah_cost,
             "bvh_build_seconds": build_time.as_secs_f64(),
-            "scheduler": scheduler_name(settings.scheduler_without_device()),
+            "scheduler": scheduler_name(settings.scheduler_for(false, 32, prepared.bvh.kind)),
             "features": features,
             "specialized": footprint(&own),
             "unspecialized": footprint(&any),

@@ -118,7 +118,7 @@ impl Tuning {
     /// not. The workgroup was measured with the wavefront's kernels, and is for them alone.
     pub fn apply(&self, settings: &mut Settings, software: bool, lanes: u32) {
         let Some(Traversal { bvh, fetch, workgroup_size }) = self.shared() else { return };
-        let wavefront = settings.scheduler_for(software, lanes) == Scheduler::Wavefront;
+        let wavefront = settings.scheduler_for(software, lanes, settings.bvh.unwrap_or(bvh)) == Scheduler::Wavefront;
         let workgroup = wavefront && settings.workgroup_size.is_none();
         settings.tuned = workgroup || settings.bvh.is_none() || settings.fetch.is_none();
         settings.bvh.get_or_insert(bvh);

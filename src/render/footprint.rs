@@ -40,7 +40,7 @@ pub struct FeatureCost {
 
 impl Footprint {
     /// Of a render as its settings have it: specialized or for any scene. The scheduler that they leave to
-    /// the device is lavapipe's.
+    /// the device is that of a device that is not software.
     pub fn of(scene: &PreparedScene, settings: &Settings) -> Self {
         Self::with(scene, settings, &scene.needs(settings))
     }
@@ -54,7 +54,7 @@ impl Footprint {
         let constants = needs.specialization(settings, &plan, scene.bvh.kind);
         let mut bound = HashSet::new();
         let mut instructions = Vec::new();
-        for name in kernels(settings.scheduler_without_device(), settings, needs) {
+        for name in kernels(settings.scheduler_for(false, 32, scene.bvh.kind), settings, needs) {
             let kernel = shaders::kernel(name).variant(Edition::Exact, access).specialize(&constants);
             bound.extend(kernel.bindings.iter().map(|binding| binding.name));
             instructions.push((name, kernel.instructions));

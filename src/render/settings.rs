@@ -145,6 +145,9 @@ pub enum Scheduler {
 }
 
 impl Settings {
+    /// Bounces of a path that is short: a megakernel's lanes do not part much before its end.
+    const SHORT_PATH: u32 = 8;
+
     /// What the scene asks for.
     pub fn of(scene: &Scene) -> Self {
         Self {
@@ -171,17 +174,20 @@ impl Settings {
         }
     }
 
-    /// How the work is cut on a device of so many lanes a subgroup, which is software or is not. On
-    /// lavapipe, with eight, bounce is the fastest; on SwiftShader, with four, the wavefront. Bounce
-    /// cannot sort.
-    pub fn scheduler_for(&self, software: bool, lanes: u32) -> Scheduler {
-        let bounce = software && lanes >= 8 && self.sort == Sort::None;
-        self.scheduler.unwrap_or(if bounce { Scheduler::Bounce } else { Scheduler::Wavefront })
-    }
-
-    /// As [`Settings::scheduler_for`] on lavapipe: for those who have no device.
-    pub fn scheduler_without_device(&self) -> Scheduler {
-        self.scheduler_for(true, 8)
+    /// How the work is cut on a device of so many lanes a subgroup, which is software or is not, of a
+    /// scene with a BVH of that shape. On lavapipe, with eight lanes, bounce is the fastest; where all
+    /// triangles are in a list, so that rays cost the same, and paths are short, the megakernel is. On
+    /// SwiftShader, with four, it is the wavefront, which alone can sort.
+    pub fn scheduler_for(&self, software: bool, lanes: u32, bvh: BvhKind) -> Scheduler {
+        let short = self.max_bounces.is_some_and(|bounces| bounces <= Self::SHORT_PATH);
+        let preferred = if !software || lanes < 8 || self.sort == Sort::Material {
+            Scheduler::Wavefront
+        } else if bvh == BvhKind::List && short {
+            Scheduler::Megakernel
+        } else {
+            Scheduler::Bounce
+        };
+        self.scheduler.unwrap_or(preferred)
     }
 
     /// The shape of the BVH of so many triangles on a device of so many lanes a subgroup. On lavapipe's
@@ -226,14 +232,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_scheduler_follows_device_and_sort() {
+    fn the_scheduler_follows_device_scene_and_sort() {
         let given = Settings::of(&Scene::cornell_box());
-        assert_eq!(given.scheduler_for(true, 8), Scheduler::Bounce);
-        assert_eq!(given.scheduler_for(true, 4), Scheduler::Wavefront);
-        assert_eq!(given.scheduler_for(false, 32), Scheduler::Wavefront);
+        let by = |settings: Settings, software, lanes| settings.scheduler_for(software, lanes, BvhKind::Cwbvh);
+        assert_eq!(by(given, true, 8), Scheduler::Bounce);
+        assert_eq!(by(given, true, 4), Scheduler::Wavefront);
+        assert_eq!(by(given, false, 32), Scheduler::Wavefront);
         let sorted = Settings { sort: Sort::Material, ..given };
-        assert_eq!(sorted.scheduler_for(true, 8), Scheduler::Wavefront);
+        assert_eq!(by(sorted, true, 8), Scheduler::Wavefront);
         let chosen = Settings { scheduler: Some(Scheduler::Megakernel), ..sorted };
-        assert_eq!(chosen.scheduler_for(true, 8), Scheduler::Megakernel);
+        assert_eq!(by(chosen, true, 8), Scheduler::Megakernel);
+
+        let listed = |max_bounces, lanes| {
+            Settings { max_bounces, roulette: 0.2, ..given }.scheduler_for(true, lanes, BvhKind::List)
+        };
+        assert_eq!(listed(Some(8), 8), Scheduler::Megakernel);
+        assert_eq!(listed(Some(9), 8), Scheduler::Bounce);
+        assert_eq!(listed(None, 8), Scheduler::Bounce);
+        assert_eq!(listed(Some(8), 4), Scheduler::Wavefront);
     }
 }
