@@ -29,24 +29,14 @@ void main() {
         Hit hit = trace_closest(load_ray(slot));
         count_item(STAGE_EXTEND, batch.bounce);
         path = load_path(slot);
-        if (hit.triangle == NO_TRIANGLE) {
-            vertex = shade_miss(path);
-        } else {
-            vertex = shade_hit(path, hit);
-        }
+        vertex = shade_vertex(path, hit);
         count_vertex();
         count_item(STAGE_SHADE, batch.bounce);
     }
 
     // For the same reason the path is stored before its shadow ray is traced.
     if (SCATTERS) {
-        uint next_place;
-        bool continues = live && vertex.continues;
-        APPEND(control.next_rays, continues, next_place)
-        if (continues) {
-            store_path(slot, path);
-            ray_queue.paths[((batch.bounce + 1u) & 1u) * frame.path_capacity + next_place] = slot;
-        }
+        queue_path(live && vertex.continues, slot, path);
     }
 
     vec3 arriving = vec3(0.0);

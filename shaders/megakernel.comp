@@ -28,12 +28,7 @@ void main() {
         bounce_rays += path.bounce > 0u ? 1u : 0u;
         count_item(STAGE_EXTEND, path.bounce);
         uint bounce = path.bounce;
-        Vertex vertex;
-        if (hit.triangle == NO_TRIANGLE) {
-            vertex = shade_miss(path);
-        } else {
-            vertex = shade_hit(path, hit);
-        }
+        Vertex vertex = shade_vertex(path, hit);
         count_vertex();
         count_item(STAGE_SHADE, bounce);
         radiance += vertex.emission;

@@ -27,11 +27,7 @@ void main() {
         slot = SORTED ? sorted_rays.paths[place] : current_ray(place);
         path = load_path(slot);
         Hit hit = load_hit(slot);
-        if (hit.triangle == NO_TRIANGLE) {
-            vertex = shade_miss(path);
-        } else {
-            vertex = shade_hit(path, hit);
-        }
+        vertex = shade_vertex(path, hit);
         count_vertex();
         count_item(STAGE_SHADE, batch.bounce);
         if (any(notEqual(vertex.emission, vec3(0.0)))) {
@@ -49,13 +45,7 @@ void main() {
     }
 
     if (SCATTERS) {
-        uint next_place;
-        bool continues = live && vertex.continues;
-        APPEND(control.next_rays, continues, next_place)
-        if (continues) {
-            store_path(slot, path);
-            ray_queue.paths[((batch.bounce + 1u) & 1u) * frame.path_capacity + next_place] = slot;
-        }
+        queue_path(live && vertex.continues, slot, path);
     }
     tell_cut_loops();
 }

@@ -25,10 +25,7 @@ fn render(
     let settings = Settings { width: WIDTH, height: HEIGHT, samples: SAMPLES, ..settings };
     let film_bytes = Some(u64::from(64 * WIDTH * film_rows));
     let options = SessionOptions { film_bytes, ..SessionOptions::default() };
-    let prepared = PreparedScene::with_bvh(
-        scene,
-        settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()),
-    );
+    let prepared = PreparedScene::for_lanes(scene, &settings, device.description().subgroup_size);
     let mut session = Session::with_options(device, &prepared.expect("the scene fits"), &settings, options)
         .expect("the session starts");
     let outcome = session.render(progress).expect("the render ends");

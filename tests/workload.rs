@@ -33,11 +33,8 @@ fn sums(outcome: Outcome) -> Vec<DVec3> {
 }
 
 fn count(device: &Device, scene: &Scene, settings: &Settings) -> Outcome {
-    let prepared = PreparedScene::with_bvh(
-        scene,
-        settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()),
-    )
-    .expect("the scene fits");
+    let prepared =
+        PreparedScene::for_lanes(scene, settings, device.description().subgroup_size).expect("the scene fits");
     let options = SessionOptions { counting: true, ..SessionOptions::default() };
     let mut session = Session::with_options(device, &prepared, settings, options).expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
@@ -134,8 +131,8 @@ fn rays_that_are_alike_do_what_the_cpu_does_and_leave_no_lane_idle() {
     scene.camera.vfov = 1e-6;
     let settings = Settings { width: 16, height: 16, samples: 2, max_bounces: Some(0), ..Settings::of(&scene) };
     let counted = count(&device, &scene, &settings);
-    let kind = settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len());
-    let prepared = PreparedScene::with_bvh(&scene, kind).expect("the scene fits");
+    let lanes = device.description().subgroup_size;
+    let prepared = PreparedScene::for_lanes(&scene, &settings, lanes).expect("the scene fits");
     let frame = prepared.frame(&settings, 1);
     let ray =
         Ray { origin: Vec3::from(frame.camera_eye), direction: Vec3::from(frame.camera_forward), leaves: NO_TRIANGLE };

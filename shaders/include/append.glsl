@@ -1,6 +1,7 @@
 // Appends to the queues, one atomic a subgroup where the device has ballots.
 #ifndef APPEND_GLSL
 #define APPEND_GLSL
+#include "path_state.glsl"
 
 // Adds one to COUNTER for every invocation whose `wanted` holds and yields its place. Call it in
 // uniform control flow.
@@ -14,5 +15,15 @@
 #else
 #define APPEND(COUNTER, WANTED, PLACE) { PLACE = 0u; if (WANTED) PLACE = atomicAdd(COUNTER, 1u); }
 #endif
+
+// Stores a path that goes on and queues it for the next bounce. Call it in uniform control flow.
+void queue_path(bool continues, uint slot, Path path) {
+    uint place;
+    APPEND(control.next_rays, continues, place)
+    if (continues) {
+        store_path(slot, path);
+        ray_queue.paths[((batch.bounce + 1u) & 1u) * frame.path_capacity + place] = slot;
+    }
+}
 
 #endif

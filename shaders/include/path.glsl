@@ -145,6 +145,17 @@ Vertex shade_hit(inout Path path, Hit hit) {
     return vertex;
 }
 
+// What the path found: a surface, or nothing.
+Vertex shade_vertex(inout Path path, Hit hit) {
+    Vertex vertex;
+    if (hit.triangle == NO_TRIANGLE) {
+        vertex = shade_miss(path);
+    } else {
+        vertex = shade_hit(path, hit);
+    }
+    return vertex;
+}
+
 bool carries_light(ShadowRay shadow) { return CASTS_SHADOWS && any(notEqual(shadow.radiance, vec3(0.0))); }
 
 #endif

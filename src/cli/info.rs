@@ -99,13 +99,7 @@ impl Report<'_> {
         }
 
         let [own, any] = self.footprints();
-        writeln!(
-            text,
-            "\n{:<24} {:>14} {:>14}",
-            scheduler_name(settings.scheduler_for(false, 32, prepared.bvh.kind)),
-            "for this scene",
-            "for any"
-        )?;
+        writeln!(text, "\n{:<24} {:>14} {:>14}", scheduler_name(own.scheduler), "for this scene", "for any")?;
         let mut row = |name: &str, own: String, any: String| writeln!(text, "{name:<24} {own:>14} {any:>14}");
         let count = |n: usize| HumanCount(n as u64).to_string();
         row("instructions", count(all(&own.instructions)), count(all(&any.instructions)))?;
@@ -172,7 +166,7 @@ impl Report<'_> {
             "bvh_depth": depth,
             "bvh_sah_cost": sah_cost,
             "bvh_build_seconds": build_time.as_secs_f64(),
-            "scheduler": scheduler_name(settings.scheduler_for(false, 32, prepared.bvh.kind)),
+            "scheduler": scheduler_name(own.scheduler),
             "features": features,
             "specialized": footprint(&own),
             "unspecialized": footprint(&any),

@@ -51,8 +51,9 @@ struct OpenScene {
 }
 
 impl OpenScene {
-    /// The scene with a BVH of that shape.
-    fn prepare(&mut self, kind: BvhKind) -> Result<&PreparedScene, PrepareError> {
+    /// The scene with the BVH that the settings ask for or else suits a device of so many lanes.
+    fn prepare(&mut self, settings: &Settings, lanes: u32) -> Result<&PreparedScene, PrepareError> {
+        let kind = settings.bvh_for(lanes, self.scene.mesh.triangles.len());
         match self.prepared.entry(kind) {
             Entry::Occupied(entry) => Ok(entry.into_mut()),
             Entry::Vacant(entry) => Ok(entry.insert(PreparedScene::with_bvh(&self.scene, kind)?)),
@@ -115,8 +116,7 @@ impl DeviceRenderer {
             false => Tuning::default(),
         };
         let mut open = OpenScene { path, scene, settings, tuning, prepared: HashMap::new() };
-        let prepared =
-            open.prepare(settings.bvh_for(self.device.description().subgroup_size, open.scene.mesh.triangles.len()))?;
+        let prepared = open.prepare(&settings, self.device.description().subgroup_size)?;
         let facts = SceneFacts {
             scene: name,
             scene_hash: hash,
@@ -145,12 +145,8 @@ impl DeviceRenderer {
             Purpose::Counting => {
                 let options = SessionOptions { counting: true, ..SessionOptions::default() };
                 let lanes = self.device.description().subgroup_size;
-                let mut session = Session::with_options(
-                    &self.device,
-                    scene.prepare(settings.bvh_for(lanes, scene.scene.mesh.triangles.len()))?,
-                    &settings,
-                    options,
-                )?;
+                let mut session =
+                    Session::with_options(&self.device, scene.prepare(&settings, lanes)?, &settings, options)?;
                 let outcome = session.render(|_| ControlFlow::Continue(()))?;
                 let mut measured = measurement(&settings, &outcome);
                 measured.counters = Some(work_counters(&outcome.statistics.work_counts, lanes));
@@ -164,8 +160,7 @@ impl DeviceRenderer {
     /// The first render of a configuration: from nothing to an image.
     fn render_first(&mut self, settings: Settings, key: String) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let prepared = scene
-            .prepare(settings.bvh_for(self.device.description().subgroup_size, scene.scene.mesh.triangles.len()))?;
+        let prepared = scene.prepare(&settings, self.device.description().subgroup_size)?;
         let mut session = Session::new(&self.device, prepared, &settings)?;
         let outcome = session.render(|_| ControlFlow::Continue(()))?;
         let mut measured = measurement(&settings, &outcome);
@@ -251,7 +246,6 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("in-flight", _) => settings.in_flight = Some(count()?),
             ("workgroup", _) => settings.workgroup_size = Some(count()?),
             ("paths-per-invocation", _) => settings.paths_per_invocation = Some(count()?),
-            ("bvh", "list") => settings.bvh = Some(BvhKind::List),
             ("bvh", "bvh2") => settings.bvh = Some(BvhKind::Bvh2),
             ("bvh", "bvh4") => settings.bvh = Some(BvhKind::Bvh4),
             ("bvh", "cwbvh") => settings.bvh = Some(BvhKind::Cwbvh),

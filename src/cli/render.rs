@@ -62,10 +62,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         let tuning = Tuning::of_scene(device.description(), &scene, arguments.quiet);
         tuning.apply(&mut settings, device.description().is_software(), device.description().subgroup_size);
     }
-    let prepared = PreparedScene::with_bvh(
-        &scene,
-        settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()),
-    )?;
+    let prepared = PreparedScene::for_lanes(&scene, &settings, device.description().subgroup_size)?;
     let mut session = Session::new(&device, &prepared, &settings)?;
 
     let interrupted = stop_on_interrupt("finishing the samples that are begun; Ctrl-C again gives them up")?;

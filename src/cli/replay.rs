@@ -68,10 +68,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         ..Settings::of(&scene)
     };
     let device = open_device(arguments.device.as_deref())?;
-    let prepared = PreparedScene::with_bvh(
-        &scene,
-        settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()),
-    )?;
+    let prepared = PreparedScene::for_lanes(&scene, &settings, device.description().subgroup_size)?;
     let RayDump { metadata, rays } = RayDump::read(&arguments.file, &ray_scene(&scene, &prepared))?;
     if let Some(path) = &arguments.json {
         let same = is_same_file(path, &arguments.file)?;

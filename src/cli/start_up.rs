@@ -164,10 +164,7 @@ pub fn first_sample(arguments: &FirstSampleArguments) -> anyhow::Result<()> {
     settings.validate()?;
     let scene = load_scene(arguments.scene.as_deref(), true)?;
     let device = open_device(arguments.device.as_deref())?;
-    let prepared = PreparedScene::with_bvh(
-        &scene,
-        settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()),
-    )?;
+    let prepared = PreparedScene::for_lanes(&scene, &settings, device.description().subgroup_size)?;
     let settings = Settings { samples: 1, ..settings };
     let mut session = Session::new(&device, &prepared, &settings)?;
     let outcome = session.render(|_| ControlFlow::Continue(()))?;

@@ -6,7 +6,7 @@ use std::collections::HashSet;
 use super::plan::Plan;
 use super::prepare::{Needs, PreparedScene};
 use super::session::{kernels, path_records};
-use super::settings::Settings;
+use super::settings::{Scheduler, Settings};
 use crate::constants::*;
 use crate::scene::Integrator;
 use crate::shaders::{self, Access, Edition};
@@ -14,6 +14,8 @@ use crate::shaders::{self, Access, Edition};
 /// Kernels and buffers of a render.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Footprint {
+    /// How the work is cut, where the settings leave it to the device as on one that is not software.
+    pub scheduler: Scheduler,
     /// Instructions of SPIR-V that can run, by kernel.
     pub instructions: Vec<(&'static str, usize)>,
     /// Bytes of the scene's buffers that some kernel binds.
@@ -54,7 +56,8 @@ impl Footprint {
         let constants = needs.specialization(settings, &plan, scene.bvh.kind);
         let mut bound = HashSet::new();
         let mut instructions = Vec::new();
-        for name in kernels(settings.scheduler_for(false, 32, scene.bvh.kind), settings, needs) {
+        let scheduler = settings.scheduler_for(false, 32, scene.bvh.kind);
+        for name in kernels(scheduler, settings, needs) {
             let kernel = shaders::kernel(name).variant(Edition::Exact, access).specialize(&constants);
             bound.extend(kernel.bindings.iter().map(|binding| binding.name));
             instructions.push((name, kernel.instructions));
@@ -63,6 +66,7 @@ impl Footprint {
         let scene_bytes = scene.buffers(false).into_iter().map(|buffer| (buffer.name, buffer.size));
         let path_bytes = path_records(settings.sort, needs).into_iter().filter(|(_, bytes)| *bytes > 0);
         Self {
+            scheduler,
             instructions,
             scene_bytes: scene_bytes.filter(|(name, _)| bound.contains(name)).collect(),
             path_bytes: path_bytes.filter(|(name, _)| bound.contains(name)).collect(),

@@ -196,6 +196,15 @@ impl PreparedScene {
         Self::with_bvh(scene, BvhKind::Cwbvh)
     }
 
+    /// [`PreparedScene::with_bvh`] of the kind that the settings ask for or else suits a device of so many
+    /// lanes a subgroup, see [`Settings::bvh_for`].
+    ///
+    /// # Errors
+    /// When the scene is larger than an index can tell.
+    pub fn for_lanes(scene: &Scene, settings: &Settings, lanes: u32) -> Result<Self, PrepareError> {
+        Self::with_bvh(scene, settings.bvh_for(lanes, scene.mesh.triangles.len()))
+    }
+
     /// Builds a BVH of that kind and lays the scene out.
     ///
     /// # Errors

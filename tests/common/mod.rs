@@ -31,11 +31,8 @@ pub fn assert_silent(device: &Device) {
 /// Renders and checks that validation is silent and no sample was lost.
 pub fn render_on(device: &Device, scene: &Scene, settings: &Settings) -> Outcome {
     settings.validate().expect("the settings make sense");
-    let prepared = PreparedScene::with_bvh(
-        scene,
-        settings.bvh_for(device.description().subgroup_size, scene.mesh.triangles.len()),
-    )
-    .expect("the scene fits");
+    let prepared =
+        PreparedScene::for_lanes(scene, settings, device.description().subgroup_size).expect("the scene fits");
     let mut session = Session::new(device, &prepared, settings).expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
     drop(session);
