@@ -24,12 +24,18 @@ void main() {
         FilmPixel pixel = film.pixels[batch.film_pixel + index];
         for (uint i = 0u; i < batch.sample_count; i++) {
             vec3 radiance = radiances.rgb[i * batch.pixel_count + index].rgb;
-            if (any(isnan(radiance)) || any(isinf(radiance))) {
-                atomicAdd(control.nonfinite_samples, 1u);
-            } else {
-                add(pixel.sum.rgb, pixel.sum_compensation.rgb, radiance);
-                add(pixel.squares.rgb, pixel.squares_compensation.rgb, radiance * radiance);
+            bool nonfinite = any(isnan(radiance)) || any(isinf(radiance));
+            // A loop of one turn at most: where no lane has such a sample, it is skipped.
+            while (nonfinite) {
+                uint place = atomicAdd(control.nonfinite_samples, 1u);
+                if (place < TRACED_SAMPLES) {
+                    control.traced_samples[place] = uvec2(batch.first_pixel + index, batch.first_sample + i);
+                }
+                radiance = vec3(0.0);
+                nonfinite = false;
             }
+            add(pixel.sum.rgb, pixel.sum_compensation.rgb, radiance);
+            add(pixel.squares.rgb, pixel.squares_compensation.rgb, radiance * radiance);
         }
         film.pixels[batch.film_pixel + index] = pixel;
     }

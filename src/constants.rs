@@ -37,6 +37,9 @@ shared_constants! {
     /// Bins that rays are sorted into by what they hit: misses, then surfaces or branches.
     MATERIAL_BINS = 128;
 
+    /// Samples that are not finite whose pixel and number are kept.
+    TRACED_SAMPLES = 16;
+
     /// Entries of the traversal stack that are kept in registers.
     STACK_REGISTERS = 8;
     /// Entries of the traversal stack that move between registers and memory at a time.
@@ -134,8 +137,10 @@ shared_constants! {
     SPEC_LISTED_COUNT = 22;
     /// Whether bounce queues its shadow rays for connect.
     SPEC_DEFERS_SHADOW_RAYS = 23;
+    /// Whether the camera is so far from the scene that its rays start nearer to it.
+    SPEC_HAS_DISTANCE = 24;
     /// Specialization constants that every kernel knows.
-    SPEC_COUNT = 24;
+    SPEC_COUNT = 25;
     /// The first of nine constants a triangle of the list, its vertices.
     SPEC_LISTED_TRIANGLES = 64;
 }

@@ -6,9 +6,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::constants::MATERIAL_BINS;
+use crate::constants::{MATERIAL_BINS, TRACED_SAMPLES};
 
-/// What is uniform over a render. 120 bytes of a std140 block.
+/// What is uniform over a render. 124 bytes of a std140 block.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[allow(missing_docs, reason = "each field is described at its GLSL twin")]
@@ -31,6 +31,7 @@ pub struct Frame {
     pub environment_height: u32,
     pub path_capacity: u32,
     pub environment: u32,
+    pub camera_distance: f32,
 }
 
 /// Inner BVH node: the boxes and references of its two children. 64 bytes, 4 texels.
@@ -143,7 +144,7 @@ pub struct AliasCell {
     pub alias: u32,
 }
 
-/// Counts and arguments that stay on the device between kernels. 48 bytes.
+/// Counts and arguments that stay on the device between kernels. 176 bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Control {
@@ -163,6 +164,8 @@ pub struct Control {
     pub nonfinite_samples: u32,
     /// 1 if the driver left a loop before its end.
     pub cut_loops: u32,
+    /// Pixel, in rows from the top left, and number of the first samples that were left out.
+    pub traced_samples: [[u32; 2]; TRACED_SAMPLES as usize],
 }
 
 /// Rays of a bounce, traced so far: low and high halves. 16 bytes.

@@ -4,11 +4,11 @@ mod common;
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use common::optics;
 use common::probe::{
     Bench, Glossy, Specular, SurfaceQuery, Uniform, grey, lanes, scene_of_materials, spherical, vector,
 };
 use glam::{DVec3, Vec3};
+use raywave::oracle::optics;
 use raywave::scene::{Material, Surface};
 
 fn glossy_materials() -> Vec<Material> {

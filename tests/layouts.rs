@@ -56,6 +56,7 @@ fn blocks() -> BTreeMap<&'static str, (usize, Vec<Field>)> {
                     environment_height,
                     path_capacity,
                     environment,
+                    camera_distance,
                 }),
             ),
         ),
@@ -72,6 +73,7 @@ fn blocks() -> BTreeMap<&'static str, (usize, Vec<Field>)> {
                     shadow_groups,
                     nonfinite_samples,
                     cut_loops,
+                    traced_samples,
                 }),
             ),
         ),
@@ -128,6 +130,7 @@ fn arrays_step_by_the_size_of_their_elements() {
         for member in layout.members.iter().filter(|member| member.array_stride > 0) {
             let expected = match (layout.name, member.name) {
                 ("Film", _) => 64,
+                ("Control", "traced_samples") => 8,
                 ("RayQueue" | "SortedRays" | "Control" | "RayCount" | "WorkCount" | "Bins", _) => 4,
                 ("WorkCounts", _) => size_of::<WorkCount>() as u32,
                 ("Buffer_texture_coordinates" | "Buffer_textures" | "Buffer_environment_aliases", _) => 8,

@@ -6,10 +6,10 @@
 
 mod common;
 
-use common::reference_path::{Path, Reference};
 use common::{device, own_scene, render_on, scene_from};
 use glam::DVec3;
 use raywave::constants::COUNTED_BOUNCES;
+use raywave::oracle::{Path, Reference};
 use raywave::render::{Outcome, Scheduler, Settings, ShadowRays};
 use raywave::scene::{Integrator, Scene};
 

@@ -8,14 +8,13 @@ use std::f64::consts::{PI, TAU};
 
 use bytemuck::{Pod, Zeroable};
 use common::meshes::{cuboid, placed};
-use common::optics;
 use common::probe::{
     Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, scene_of_materials, spherical,
     vector,
 };
-use common::reference_path::pcg4d;
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use raywave::constants::{ENVIRONMENT_LAT_LONG, NO_TRIANGLE};
+use raywave::oracle::{optics, pcg4d};
 use raywave::scene::{Camera, Environment, EnvironmentMap, Material, Surface};
 use raywave::stats::{Moments, chi_square, sidak_adjusted, z_test};
 

@@ -19,6 +19,7 @@ layout(set = 1, binding = 0, std430) CONTROL_ACCESS buffer Control {
     uint shadow_groups[3];      // workgroups of connect
     uint nonfinite_samples;     // left out of the film
     uint cut_loops;             // 1 if the driver left a loop before its end
+    uvec2 traced_samples[TRACED_SAMPLES];  // pixel and number of samples that were left out
 } control;
 
 // Rays traced so far, by bounce: low and high half.

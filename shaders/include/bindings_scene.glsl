@@ -8,7 +8,7 @@
 
 // Uniform over a render. Lengths are in normalised scene units, radiance in the scene's.
 layout(set = 0, binding = 0, std140) uniform Frame {
-    vec3 camera_eye;
+    vec3 camera_eye;            // or, of a camera far away, the point of its view axis where rays start
     float lens_radius;
     vec3 camera_right;          // from the image centre to its right edge, at distance 1
     float focus_distance;       // along the view axis
@@ -26,6 +26,7 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     uint environment_height;
     uint path_capacity;         // path slots, and entries of each half of the ray queue
     uint environment;           // one of ENVIRONMENT_BLACK, _CONSTANT, _LAT_LONG
+    float camera_distance;      // from the pinhole to camera_eye, along the view axis; 0 unless the scene is far
 } frame;
 
 #ifdef TEXEL_FETCH

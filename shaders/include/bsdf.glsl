@@ -72,8 +72,10 @@ float side_of(Surface surface, vec3 direction) { return dot(surface.geometric_no
 
 // (Ns + 1) / (2 pi) cos^Ns about the mirror direction. Also its own density.
 float phong_lobe(Material m, vec3 n, vec3 wo, vec3 wi) {
-    float cos_alpha = dot(reflect(-wo, n), wi);
-    return cos_alpha > 0.0 ? (m.ns + 1.0) / TWO_PI * pow(cos_alpha, m.ns) : 0.0;
+    // The angle is told by the distance of the two directions: a cosine near 1 has lost it.
+    vec3 apart = reflect(-wo, n) - wi;
+    float drop = 0.5 * dot(apart, apart);
+    return drop < 1.0 ? (m.ns + 1.0) / TWO_PI * exp(m.ns * log_of_rest(drop)) : 0.0;
 }
 
 // f cos of Lambert plus Phong lobe, and the density of `scatter_glossy`. Zero below the horizon.
@@ -99,12 +101,15 @@ Scatter scatter_glossy(Material m, Surface surface, vec3 wo, float choice, vec2 
     bool lobe = HAS_PHONG && choice < probability;
     // One direction for both: a device that runs both sides of an `if` turns the axis once.
     float cos_theta = cosine_of(u.x);
+    float sin_theta = sine_of(cos_theta);
     vec3 axis = n;
     if (HAS_PHONG) {
-        cos_theta = lobe ? cosine_power_of(m.ns, u.x) : cos_theta;
+        vec2 in_lobe = cosine_power_of(m.ns, u.x);
+        cos_theta = lobe ? in_lobe.x : cos_theta;
+        sin_theta = lobe ? in_lobe.y : sin_theta;
         axis = lobe ? reflect(-wo, n) : n;
     }
-    vec3 wi = around(axis, cos_theta, u.y);
+    vec3 wi = around(axis, vec2(cos_theta, sin_theta), u.y);
     // Without a lobe f cos / pdf is Kd, the same bits as in kernels that know no lobes.
     vec3 weight = side_of(surface, wo) == side_of(surface, wi) ? m.kd : vec3(0.0);
     if (HAS_PHONG) {

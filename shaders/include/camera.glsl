@@ -7,14 +7,19 @@
 Ray camera_ray(uint pixel, vec4 u) {
     vec2 image_size = vec2(frame.width, frame.height);
     vec2 position = (vec2(pixel % frame.width, pixel / frame.width) + u.xy) / image_size;
-    vec3 direction = frame.camera_forward + (2.0 * position.x - 1.0) * frame.camera_right
-        + (1.0 - 2.0 * position.y) * frame.camera_up;
+    vec3 across = (2.0 * position.x - 1.0) * frame.camera_right + (1.0 - 2.0 * position.y) * frame.camera_up;
+    vec3 direction = frame.camera_forward + across;
     vec3 origin = frame.camera_eye;
+    // From afar: where the ray crosses a plane in front of the scene. The pinhole has more digits before
+    // the point than the scene has behind it, and so would every hit.
+    if (HAS_DISTANCE) {
+        origin += frame.camera_distance * across;
+    }
     if (HAS_LENS && frame.lens_radius > 0.0) {
         vec2 lens = frame.lens_radius * sample_disk(u.zw);
         vec3 shift = lens.x * normalize(frame.camera_right) + lens.y * normalize(frame.camera_up);
         direction = frame.focus_distance * direction - shift;
-        origin += shift;
+        origin += HAS_DISTANCE ? shift * (1.0 - frame.camera_distance / frame.focus_distance) : shift;
     }
     return Ray(origin, normalize(direction), NO_TRIANGLE);
 }

@@ -145,7 +145,14 @@ Vertex shade_hit(inout Path path, Hit hit) {
     return vertex;
 }
 
-// What the path found: a surface, or nothing.
+// Whether all that goes on from the vertex is numbers. Sums tell: one that is no number spoils them.
+bool is_sound(Path path, Vertex vertex) {
+    vec3 sum = path.throughput + path.ray.origin + path.ray.direction + vertex.shadow.radiance;
+    return abs(sum.x + sum.y + sum.z) <= FARTHEST;
+}
+
+// What the path found: a surface, or nothing. A fault shines: it becomes light that is no number, which
+// resolve counts, where a path that just ended would leave the pixel too dark and nobody the wiser.
 Vertex shade_vertex(inout Path path, Hit hit) {
     Vertex vertex;
     if (hit.triangle == NO_TRIANGLE) {
@@ -153,6 +160,9 @@ Vertex shade_vertex(inout Path path, Hit hit) {
     } else {
         vertex = shade_hit(path, hit);
     }
+    bool sound = is_sound(path, vertex);
+    vertex.emission = sound ? vertex.emission : vec3(uintBitsToFloat(0x7fc00000u));
+    vertex.continues = sound && vertex.continues;
     return vertex;
 }
 

@@ -30,22 +30,34 @@ vec2 on_circle(float turns) {
     return (turned & 2) != 0 ? -p : p;
 }
 
-// A direction at cosine cos_theta from the unit axis, turned about it.
-vec3 around(vec3 axis, float cos_theta, float turns) {
+// log(1 - x) for x in [0, 1), good to the last bits where x is small: logarithms near 1 are coarse.
+float log_of_rest(float x) {
+    return x < 0.015625 ? -x * (1.0 + x * (0.5 + x * (1.0 / 3.0 + x * 0.25))) : log(1.0 - x);
+}
+
+float sine_of(float cosine) { return sqrt(max(0.0, 1.0 - cosine * cosine)); }
+
+// A direction at an angle of that cosine and sine from the unit axis, turned about it.
+vec3 around(vec3 axis, vec2 angle, float turns) {
     vec3 tangent, bitangent;
     basis(axis, tangent, bitangent);
-    vec2 across = sqrt(max(0.0, 1.0 - cos_theta * cos_theta)) * on_circle(turns);
-    return tangent * across.x + bitangent * across.y + axis * cos_theta;
+    vec2 across = angle.y * on_circle(turns);
+    return tangent * across.x + bitangent * across.y + axis * angle.x;
 }
 
 // The cosine of a direction of density cos / pi over solid angle.
 float cosine_of(float u) { return sqrt(1.0 - u); }
 
-// The same of density (exponent + 1) / (2 pi) cos^exponent.
-float cosine_power_of(float exponent, float u) { return pow(1.0 - u, 1.0 / (exponent + 1.0)); }
+// Cosine and sine of the same of density (exponent + 1) / (2 pi) cos^exponent. Of narrow lobes the
+// cosine is 1 but for rounding, so both come from what it lacks.
+vec2 cosine_power_of(float exponent, float u) {
+    float x = -log_of_rest(u) / (exponent + 1.0);
+    float drop = x < 0.015625 ? x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0)))) : 1.0 - exp(-x);
+    return vec2(1.0 - drop, sqrt(drop * (2.0 - drop)));
+}
 
 // Density cos / pi over solid angle.
-vec3 sample_cosine(vec3 n, vec2 u) { return around(n, cosine_of(u.x), u.y); }
+vec3 sample_cosine(vec3 n, vec2 u) { return around(n, vec2(cosine_of(u.x), sine_of(cosine_of(u.x))), u.y); }
 
 // Uniform over the unit disk. (Shirley and Chiu 1997)
 vec2 sample_disk(vec2 u) { return sqrt(u.x) * on_circle(u.y); }

@@ -16,7 +16,7 @@ use super::start_up::{self, Contrast};
 use super::tuning::Tuning;
 use crate::bvh::BvhKind;
 use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
-use crate::gpu::{Device, DeviceKind};
+use crate::gpu::{Device, DeviceDescription, DeviceKind};
 use crate::layout::WorkCount;
 use crate::render::{
     Fetch, Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, ShadowRays, Sort,
@@ -93,16 +93,7 @@ impl DeviceRenderer {
 
     /// Adds what the device is to a record.
     pub fn sign(&self, provenance: Provenance) -> Provenance {
-        let device = self.device.description();
-        Provenance {
-            device: device.name.clone(),
-            device_kind: kind_name(device.kind).to_owned(),
-            driver: device.driver.clone(),
-            vulkan_version: device.vulkan_version.clone(),
-            subgroup_size_lanes: device.subgroup_size,
-            cpu: (device.kind == DeviceKind::Cpu).then(cpu).flatten(),
-            ..provenance
-        }
+        sign(self.device.description(), provenance)
     }
 
     fn open_scene(&mut self, path: &str) -> anyhow::Result<SceneFacts> {
@@ -369,5 +360,18 @@ fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
             let sorted = if settings.sort == Sort::None { 0 } else { 2 * (4 + 16) + 4 + 4 } * rays;
             generated + traced + sorted + continued + shadows + resolved
         }
+    }
+}
+
+/// Adds the device to where a study was made.
+pub fn sign(device: &DeviceDescription, provenance: Provenance) -> Provenance {
+    Provenance {
+        device: device.name.clone(),
+        device_kind: kind_name(device.kind).to_owned(),
+        driver: device.driver.clone(),
+        vulkan_version: device.vulkan_version.clone(),
+        subgroup_size_lanes: device.subgroup_size,
+        cpu: (device.kind == DeviceKind::Cpu).then(cpu).flatten(),
+        ..provenance
     }
 }

@@ -12,6 +12,7 @@ mod measure;
 mod picture;
 mod render;
 mod replay;
+mod stability;
 mod start_up;
 mod tune;
 mod tuning;
@@ -52,6 +53,7 @@ enum Command {
     DumpRays(dump_rays::DumpRaysArguments),
     Replay(replay::ReplayArguments),
     Tune(tune::TuneArguments),
+    Stability(stability::StabilityArguments),
     Gallery(GalleryArguments),
 }
 
@@ -98,6 +100,7 @@ pub fn main() -> ExitCode {
         Command::DumpRays(arguments) => dump_rays::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
+        Command::Stability(arguments) => stability::run(&arguments),
         Command::Gallery(GalleryArguments { folder, triangles }) => {
             crate::scene::generate_gallery(&folder, triangles as usize).map_err(Into::into)
         }
@@ -116,6 +119,9 @@ pub fn main() -> ExitCode {
 fn exit_code(error: &anyhow::Error) -> ExitCode {
     if let Some(child) = error.downcast_ref::<start_up::ChildFailed>() {
         return ExitCode::from(child.code);
+    }
+    if error.is::<stability::BrokenPromise>() {
+        return ExitCode::from(1);
     }
     let render = error.downcast_ref::<RenderError>();
     if matches!(render, Some(RenderError::WrongAnswer { .. } | RenderError::Unstable { .. })) {

@@ -13,7 +13,7 @@ use serde_json::{Map, Value, json};
 use crate::export::plain;
 use crate::film::{Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
 use crate::gpu::DeviceDescription;
-use crate::render::{Fetch, PreparedScene, Progress, Session, Settings, Statistics};
+use crate::render::{Fault, Fetch, PreparedScene, Progress, Session, Settings, Statistics, find_faults};
 use crate::scene::Scene;
 
 use super::devices::kind_name;
@@ -85,17 +85,21 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     pixels.resize(settings.width as usize * settings.height as usize, Vec3::NAN);
     let image = Image::new(settings.width, settings.height, pixels);
 
+    // The image is worth more than what spoilt some of it: it is written even if the device fails now.
+    let faults = find_faults(&device, &prepared, &settings, &statistics);
     let report = Report {
         scene: &scene,
         prepared: &prepared,
         settings: &settings,
         device: device.description(),
         exposure: arguments.exposure,
+        faults: faults.as_deref().unwrap_or_default(),
     };
     write(arguments, &report, &image, &statistics, &mean.mean())?;
     if !arguments.quiet {
-        summarise(arguments, &settings, &statistics);
+        summarise(arguments, &report, &statistics);
     }
+    faults?;
     Ok(())
 }
 
@@ -150,6 +154,8 @@ struct Report<'a> {
     device: &'a DeviceDescription,
     /// Of a PNG, in stops.
     exposure: f32,
+    /// Samples that were not finite, as many as were traced.
+    faults: &'a [Fault],
 }
 
 /// Every setting of a render, snake_case keys with the unit in the name.
@@ -234,6 +240,7 @@ impl Report<'_> {
             "bounce_rays": statistics.bounce_rays,
             "shadow_rays": statistics.shadow_rays,
             "nonfinite_samples": statistics.nonfinite_samples,
+            "nonfinite_traced": self.faults.iter().map(fault_record).collect::<Vec<_>>(),
             "wall_seconds": wall,
             "gpu_seconds": statistics.gpu_seconds,
             "kernels": kernels,
@@ -266,7 +273,32 @@ fn write(
     Ok(())
 }
 
-fn summarise(arguments: &RenderArguments, settings: &Settings, statistics: &Statistics) {
+fn fault_record(fault: &Fault) -> Value {
+    let Fault { x, y, sample, bounce } = *fault;
+    json!({ "x_pixels": x, "y_pixels": y, "sample": sample, "bounce": bounce })
+}
+
+/// Most samples that a summary names.
+const NAMED_FAULTS: usize = 4;
+
+fn warn_of_faults(count: u32, faults: &[Fault]) {
+    let name = |fault: &Fault| {
+        let Fault { x, y, sample, .. } = fault;
+        let bounce =
+            fault.bounce.map_or("no bounce when followed again".to_owned(), |bounce| format!("bounce {bounce}"));
+        format!("pixel ({x}, {y}) sample {sample} at {bounce}")
+    };
+    let named: Vec<String> = faults.iter().take(NAMED_FAULTS).map(name).collect();
+    let more = if count as usize > named.len() { ", ..." } else { "" };
+    eprintln!(
+        "warning: {count} samples were NaN or infinite and are left out, so their pixels are too dark: {}{more}; look for extreme \
+         numbers in the materials",
+        named.join(", ")
+    );
+}
+
+fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Statistics) {
+    let settings = report.settings;
     let seconds = statistics.wall_time.as_secs_f64();
     let mut part = String::new();
     if statistics.samples < settings.samples {
@@ -286,6 +318,6 @@ fn summarise(arguments: &RenderArguments, settings: &Settings, statistics: &Stat
         statistics.rays() as f64 / seconds / 1e6,
     );
     if statistics.nonfinite_samples > 0 {
-        eprintln!("warning: {} samples were NaN or infinite and are left out", statistics.nonfinite_samples);
+        warn_of_faults(statistics.nonfinite_samples, report.faults);
     }
 }

@@ -138,7 +138,7 @@ fn notes(combination: &CombinationReport) -> Vec<String> {
 }
 
 /// Text that Markdown leaves alone, in tables too.
-fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
         match character {

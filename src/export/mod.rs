@@ -5,6 +5,7 @@
 //! each combination; Markdown and HTML are for people.
 
 mod csv;
+mod envelope;
 mod error;
 pub mod heatmap;
 mod html;
@@ -16,6 +17,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde_json::Value;
 
+pub use envelope::EnvelopeDocument;
 pub use error::ExportError;
 pub use html::Page;
 

@@ -8,6 +8,7 @@
 mod batch;
 mod bounce;
 mod dump;
+mod faults;
 mod footprint;
 mod megakernel;
 mod plan;
@@ -18,6 +19,7 @@ mod settings;
 mod wavefront;
 
 pub use dump::QueuedRays;
+pub use faults::{Fault, find_faults};
 pub use footprint::{FeatureCost, Footprint, feature_costs};
 pub use plan::{Plan, SampleRange, Tile};
 pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};

@@ -59,6 +59,8 @@ pub struct PreparedScene {
     pub features: Features,
     /// How its positions came from the world's.
     pub normalisation: Normalisation,
+    /// What the kernels' radiance is of the scene's, a power of two.
+    pub radiance_scale: f64,
     frame: Frame,
 }
 
@@ -85,6 +87,8 @@ pub struct Features {
     pub normals: bool,
     /// The camera has a lens.
     pub lens: bool,
+    /// The camera is so far away that its rays start nearer to the scene.
+    pub distance: bool,
 }
 
 impl Features {
@@ -100,9 +104,10 @@ impl Features {
         textures: true,
         normals: true,
         lens: true,
+        distance: true,
     };
 
-    fn of(scene: &Scene) -> Self {
+    fn of(scene: &Scene, distance: bool) -> Self {
         let used = used_materials(scene);
         let any = |test: &dyn Fn(&scene::Material) -> bool| {
             scene.materials.iter().zip(&used).any(|(material, used)| *used && test(material))
@@ -124,6 +129,7 @@ impl Features {
             textures: any(&|m| !m.is_emitter() && m.map_kd.is_some()),
             normals: scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE),
             lens: scene.camera.aperture > 0.0,
+            distance,
         }
     }
 
@@ -160,6 +166,20 @@ pub struct Needs {
 
 /// Entries of the traversal stack of kernels that know nothing of the BVH's depth: it is rarely above.
 const ANY_STACK_SIZE: u32 = 64;
+
+/// The power of two that puts the middle of the brightest and the dimmest light at 1, so that the sums and squares of
+/// samples stay clear of both ends of `f32`. It rounds nothing.
+fn radiance_scale(scene: &Scene) -> f64 {
+    let lamps = scene.materials.iter().zip(used_materials(scene)).filter(|(_, used)| *used).map(|(m, _)| m.ke);
+    let sky = match &scene.environment {
+        Environment::Black => Vec3::ZERO,
+        Environment::Constant(radiance) => *radiance,
+        Environment::LatLong(map) => map.radiance.iter().fold(Vec3::ZERO, |peak, texel| peak.max(*texel)),
+    };
+    let peaks = lamps.chain([sky]).map(|light| f64::from(light.max_element())).filter(|peak| *peak > 0.0);
+    let (low, high) = peaks.fold((f64::INFINITY, 0.0_f64), |(low, high), peak| (low.min(peak), high.max(peak)));
+    if high > 0.0 { (-0.5 * (low.log2() + high.log2())).round().exp2() } else { 1.0 }
+}
 
 /// From world to normalised space: bounds to [-1, 1]³, by a power of two so that it is exact.
 #[derive(Debug, Clone, Copy)]
@@ -234,20 +254,23 @@ impl PreparedScene {
                 Triangle { v0, original, v1, material, v2, unused: 0 }
             })
             .collect();
+        let radiance_scale = radiance_scale(scene);
         let (lights, light_area) = lights_of(scene, &bvh, &corners)?;
 
-        let features = Features::of(scene);
+        let mut frame = camera_frame(&scene.camera, &normalisation);
+        let features = Features::of(scene, frame.camera_distance > 0.0);
         let (textures, headers) = if features.textures { pack_textures(scene) } else { Default::default() };
         let (environment, environment_aliases) = match &scene.environment {
-            Environment::LatLong(map) => pack_environment(map)?,
+            Environment::LatLong(map) => pack_environment(map, radiance_scale)?,
             Environment::Black | Environment::Constant(_) => Default::default(),
         };
-        let mut frame = camera_frame(&scene.camera, &normalisation);
         frame.light_count = lights.len() as u32;
         frame.light_area = light_area as f32;
         frame.environment = features.environment;
         match &scene.environment {
-            Environment::Constant(radiance) => frame.environment_radiance = radiance.to_array(),
+            Environment::Constant(radiance) => {
+                frame.environment_radiance = scaled(*radiance, radiance_scale);
+            }
             Environment::LatLong(map) => {
                 (frame.environment_width, frame.environment_height) = (map.width, map.height);
             }
@@ -256,7 +279,7 @@ impl PreparedScene {
         Ok(Self {
             bvh,
             triangles,
-            materials: scene.materials.iter().map(|m| pack_material(m, &headers)).collect(),
+            materials: scene.materials.iter().map(|m| pack_material(m, &headers, radiance_scale)).collect(),
             lights,
             normals: if features.normals { pack_normals(mesh) } else { Vec::new() },
             texture_coordinates: if features.textures { pack_coordinates(mesh) } else { Vec::new() },
@@ -266,6 +289,7 @@ impl PreparedScene {
             light_area,
             features,
             normalisation,
+            radiance_scale,
             frame,
         })
     }
@@ -355,8 +379,19 @@ impl Needs {
     /// Specialization constants by id.
     pub fn specialization(&self, settings: &Settings, plan: &Plan, bvh: BvhKind) -> Vec<u32> {
         let Self { features, scatters, bounded, roulette, shadows, stack_size } = *self;
-        let Features { environment, lights, glossy, phong, mirror, refractive, dielectric, textures, normals, lens } =
-            features;
+        let Features {
+            environment,
+            lights,
+            glossy,
+            phong,
+            mirror,
+            refractive,
+            dielectric,
+            textures,
+            normals,
+            lens,
+            distance,
+        } = features;
         let mut constants = vec![0; SPEC_COUNT as usize];
         for (id, value) in [
             (SPEC_WORKGROUP_SIZE, plan.workgroup_size),
@@ -377,6 +412,7 @@ impl Needs {
             (SPEC_HAS_TEXTURES, textures.into()),
             (SPEC_HAS_NORMALS, normals.into()),
             (SPEC_HAS_LENS, lens.into()),
+            (SPEC_HAS_DISTANCE, distance.into()),
             (SPEC_HAS_ROULETTE, roulette.into()),
             (SPEC_HAS_GLOSSY, glossy.into()),
             (SPEC_SCATTERS, scatters.into()),
@@ -401,6 +437,20 @@ impl Needs {
     }
 }
 
+/// Radius of the ball about the origin that holds any normalised scene.
+const SCENE_RADIUS: f64 = 1.75;
+/// Distance of an eye from the middle of a scene beyond which rays start nearer to the scene, normalised units: until
+/// there an eye has about as many digits behind the point as the scene.
+const NEAR_EYE: f64 = 16.0;
+
+/// How far before the eye, along the view axis, the plane lies that the camera's rays start from. No surface is nearer.
+fn ray_start(eye: DVec3, forward: DVec3) -> f64 {
+    if eye.length() <= NEAR_EYE {
+        return 0.0;
+    }
+    (-eye.dot(forward) - SCENE_RADIUS).max(0.0)
+}
+
 /// Camera vectors for a square image: the session scales `camera_right` by the aspect.
 fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation) -> Frame {
     let forward = (camera.target - camera.eye).normalize();
@@ -412,7 +462,10 @@ fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation) -> Frame 
     let up = right.cross(forward);
     let half_height = (0.5 * camera.vfov.to_radians()).tan();
     let mut frame: Frame = bytemuck::Zeroable::zeroed();
-    frame.camera_eye = normalisation.point(camera.eye).as_vec3().to_array();
+    let eye = normalisation.point(camera.eye);
+    let distance = ray_start(eye, forward);
+    frame.camera_eye = (eye + distance * forward).as_vec3().to_array();
+    frame.camera_distance = distance as f32;
     frame.camera_forward = forward.as_vec3().to_array();
     frame.camera_right = (right * half_height).as_vec3().to_array();
     frame.camera_up = (up * half_height).as_vec3().to_array();
@@ -461,7 +514,16 @@ fn lights_of(scene: &Scene, bvh: &Bvh, corners: &[[Vec3; 3]]) -> Result<(Vec<Lig
     Ok((lights, area))
 }
 
-fn pack_material(material: &scene::Material, headers: &[u32]) -> Material {
+/// Radiance in the kernels' unit.
+fn scaled(radiance: Vec3, radiance_scale: f64) -> [f32; 3] {
+    (radiance.as_dvec3() * radiance_scale).as_vec3().to_array()
+}
+
+/// Largest Phong exponent of the kernels. Such a lobe is a millionth of a radian wide, about as wide as the rounding of a
+/// direction: a larger exponent would show nothing but that.
+const MAX_EXPONENT: f32 = 1e12;
+
+fn pack_material(material: &scene::Material, headers: &[u32], radiance_scale: f64) -> Material {
     Material {
         kd: material.kd.to_array(),
         surface: if material.is_emitter() {
@@ -475,8 +537,8 @@ fn pack_material(material: &scene::Material, headers: &[u32]) -> Material {
             }
         },
         ks: material.ks.to_array(),
-        ns: material.ns,
-        ke: material.ke.to_array(),
+        ns: material.ns.min(MAX_EXPONENT),
+        ke: scaled(material.ke, radiance_scale),
         ni: material.ni,
         tf: material.tf.to_array(),
         map_kd: material.map_kd.map_or(0, |texture| headers[texture as usize] + 1),
@@ -528,7 +590,10 @@ fn pack_textures(scene: &Scene) -> (Vec<[u32; 2]>, Vec<u32>) {
 
 /// Texels with the probability that light sampling picks each: in proportion to the luminance
 /// of the bilinear image over the texel, times its solid angle.
-fn pack_environment(map: &EnvironmentMap) -> Result<(Vec<EnvironmentTexel>, Vec<AliasCell>), PrepareError> {
+fn pack_environment(
+    map: &EnvironmentMap,
+    radiance_scale: f64,
+) -> Result<(Vec<EnvironmentTexel>, Vec<AliasCell>), PrepareError> {
     let (width, height) = (map.width as usize, map.height as usize);
     if map.radiance.len() > MAX_CELLS {
         return Err(PrepareError::TooManyTexels(map.radiance.len()));
@@ -557,7 +622,7 @@ fn pack_environment(map: &EnvironmentMap) -> Result<(Vec<EnvironmentTexel>, Vec<
         .iter()
         .zip(&weights)
         .map(|(radiance, weight)| EnvironmentTexel {
-            radiance: radiance.to_array(),
+            radiance: scaled(*radiance, radiance_scale),
             probability: (weight / total) as f32,
         })
         .collect();

@@ -98,6 +98,8 @@ pub struct Statistics {
     pub shadow_rays: u64,
     /// Samples that were NaN or infinite and were left out of the film.
     pub nonfinite_samples: u32,
+    /// Pixel and number of those, by pixel: all, or some where they are many; see [`super::find_faults`].
+    pub nonfinite_traced: Vec<[u32; 2]>,
     /// From the first batch to the last.
     pub wall_time: Duration,
     /// Inside the command buffers of the batches, from end to end, on the device's clock; 0 where it
@@ -174,6 +176,8 @@ pub struct Session {
     connects: bool,
     bvh: BvhKind,
     counting: bool,
+    /// What the kernels' radiance is of the scene's.
+    radiance_scale: f64,
 }
 
 impl Session {
@@ -209,6 +213,7 @@ impl Session {
             connects: connects(scheduler, settings, &needs),
             bvh: scene.bvh.kind,
             counting: options.counting,
+            radiance_scale: scene.radiance_scale,
         })
     }
 
@@ -355,15 +360,16 @@ impl Session {
         let mut pixels: Vec<FilmPixel> = bytemuck::pod_collect_to_vec(&self.executor.read("film")?);
         // The last tile may have fewer rows than the buffer.
         pixels.truncate((tile.rows * self.plan.width) as usize);
-        let total = |value: [f32; 4], compensation: [f32; 4]| {
-            DVec3::from_array(std::array::from_fn(|i| f64::from(value[i]) + f64::from(compensation[i])))
+        let total = |value: [f32; 4], compensation: [f32; 4], scale: f64| {
+            DVec3::from_array(std::array::from_fn(|i| (f64::from(value[i]) + f64::from(compensation[i])) / scale))
         };
+        let scale = self.radiance_scale;
         Ok(FilmMoments {
             width: self.plan.width,
             height: tile.rows,
             samples: u64::from(samples),
-            sum: pixels.iter().map(|p| total(p.sum, p.sum_compensation)).collect(),
-            sum_of_squares: pixels.iter().map(|p| total(p.squares, p.squares_compensation)).collect(),
+            sum: pixels.iter().map(|p| total(p.sum, p.sum_compensation, scale)).collect(),
+            sum_of_squares: pixels.iter().map(|p| total(p.squares, p.squares_compensation, scale * scale)).collect(),
         })
     }
 
@@ -378,6 +384,9 @@ impl Session {
         if control.cut_loops != 0 {
             return Err(RenderError::CutLoops);
         }
+        let mut nonfinite_traced = control.traced_samples.to_vec();
+        nonfinite_traced.truncate(control.nonfinite_samples as usize);
+        nonfinite_traced.sort_unstable();
         let ray_counts = self.ray_counts()?;
         let (bounce_rays, shadow_rays) = scattered_rays(&ray_counts);
         let work_counts = match self.counting {
@@ -393,6 +402,7 @@ impl Session {
             bounce_rays,
             shadow_rays,
             nonfinite_samples: control.nonfinite_samples,
+            nonfinite_traced,
             wall_time,
             gpu_seconds: self.executor.device_seconds(),
             passes: self.executor.kernel_times().clone(),

@@ -7,6 +7,7 @@
 
 mod analysis;
 mod crossover;
+mod envelope;
 mod error;
 mod factorial;
 mod measurement;
@@ -16,6 +17,7 @@ mod validity;
 
 pub use analysis::{Clock, CombinationReport, Drift, Ratio, RatioMethod, Report, Run, SceneReport, Warning};
 pub use crossover::{Crossing, CrossingDirection, Crossover, CrossoverPoint, find_crossings};
+pub use envelope::{Envelope, Row, Trial};
 pub use error::StudyError;
 pub use factorial::{Configuration, Design, FACTORS, Factor, FactorKind, Levels, Role, parse_count};
 pub use measurement::{

@@ -2,9 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its part")]
 
 pub mod meshes;
-pub mod optics;
 pub mod probe;
-pub mod reference_path;
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};

@@ -3,6 +3,7 @@
 //! The page forbids itself the network by a content security policy. Its plots are drawn here, so
 //! that it can be read without JavaScript; sorting, tabs and the image slider need it.
 
+pub mod envelope;
 mod pictures;
 mod plots;
 mod svg;

@@ -7,11 +7,10 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DVec2, DVec3};
-use raywave::render::Settings;
-use raywave::scene::{Environment, Integrator, Material, NONE, Scene, Surface};
-
 use super::optics;
+use crate::render::Settings;
+use crate::scene::{Environment, Integrator, Material, NONE, Scene, Surface};
+use glam::{DVec2, DVec3};
 
 /// A scene as paths are followed through it.
 pub struct Reference<'a> {
@@ -28,6 +27,7 @@ pub struct Reference<'a> {
 /// One sample of a pixel.
 #[derive(Debug, Default)]
 pub struct Path {
+    /// What arrives at the pixel.
     pub radiance: DVec3,
     /// One entry a ray, from the camera on: whether a shadow ray was cast from where it ended.
     pub casts_shadow_ray: Vec<bool>,
@@ -79,6 +79,10 @@ struct LampSample {
 }
 
 impl<'a> Reference<'a> {
+    /// A scene under a black sky, without textures and vertex normals.
+    ///
+    /// # Panics
+    /// When the scene has what it does not know.
     pub fn new(scene: &'a Scene, settings: &Settings) -> Self {
         assert!(matches!(scene.environment, Environment::Black), "the reference knows black skies alone");
         assert!(scene.materials.iter().all(|m| m.map_kd.is_none()), "the reference knows no textures");
@@ -186,7 +190,8 @@ impl<'a> Reference<'a> {
     fn trace(&self, ray: &Ray) -> Option<Vertex<'_>> {
         let hits = self.facets.iter().enumerate().filter(|(i, _)| ray.leaves != Some(*i)).filter_map(|(i, facet)| {
             let distance = facet.distance(ray)?;
-            (distance > self.nearest).then_some((i, distance))
+            let nearest = if ray.leaves.is_some() { self.nearest } else { 0.0 };
+            (distance > nearest).then_some((i, distance))
         });
         let (facet, distance) = hits.min_by(|a, b| a.1.total_cmp(&b.1))?;
         let Facet { normal, material, .. } = self.facets[facet];

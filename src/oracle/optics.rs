@@ -2,8 +2,8 @@
 
 use std::f64::consts::{FRAC_1_PI, TAU};
 
+use crate::scene::Material;
 use glam::DVec3;
-use raywave::scene::Material;
 
 /// The mirror direction of `wo`.
 pub fn mirrored(n: DVec3, wo: DVec3) -> DVec3 {

@@ -1,0 +1,102 @@
+//! `raywave stability`: the operating envelope of the renderer on a device.
+
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+
+use anyhow::ensure;
+
+use super::compare::provenance;
+use super::measure::sign;
+use super::{check_text_output, open_device, print, stop_on_interrupt, write_text};
+use crate::export::EnvelopeDocument;
+use crate::stability::{Level, plans};
+use crate::studies::Envelope;
+
+/// Drive the tracer to its numerical limits and tell where it fails
+///
+/// Each row drives one thing, such as the size of a scene, from the tame to the extreme. Every image is held against
+/// paths in f64 or a closed form. Exits with 1 where something is not as promised.
+#[derive(Debug, clap::Args)]
+pub struct StabilityArguments {
+    /// Rows to run, by name; all without
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    only: Vec<String>,
+    /// Every setting in full: 10^8 rays, films of 16384 x 16384
+    #[arg(long, conflicts_with = "quick")]
+    thorough: bool,
+    /// The extremes of what is promised alone, by few samples
+    #[arg(long)]
+    quick: bool,
+    /// Print the names of the rows and what they drive, and run none
+    #[arg(long)]
+    list: bool,
+    /// Device, by number or part of its name; see `raywave devices`
+    #[arg(long, env = "RAYWAVE_DEVICE")]
+    device: Option<String>,
+    /// Write everything, as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the table, as Markdown
+    #[arg(long, value_name = "FILE")]
+    markdown: Option<PathBuf>,
+    /// Write a page
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// No progress
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// A promise that was not kept.
+#[derive(Debug, thiserror::Error)]
+#[error("not as promised: {0}; the table tells by how much")]
+pub struct BrokenPromise(String);
+
+pub fn run(arguments: &StabilityArguments) -> anyhow::Result<()> {
+    let names: Vec<&str> = plans().map(|plan| plan.name).collect();
+    if arguments.list {
+        return print(&plans().map(|plan| format!("{:<24} {}\n", plan.name, plan.driven)).collect::<String>());
+    }
+    for name in &arguments.only {
+        ensure!(names.contains(&name.as_str()), "--only {name} is no row; the rows are {}", names.join(", "));
+    }
+    let files = [&arguments.json, &arguments.markdown, &arguments.html];
+    for (i, file) in files.iter().enumerate() {
+        let Some(path) = file else { continue };
+        check_text_output(path)?;
+        ensure!(!files[..i].contains(file), "{}: two outputs name the same file", path.display());
+    }
+    let level = match (arguments.quick, arguments.thorough) {
+        (true, _) => Level::Quick,
+        (_, true) => Level::Thorough,
+        _ => Level::Standard,
+    };
+    let device = open_device(arguments.device.as_deref())?;
+    let provenance = sign(device.description(), provenance());
+    let interrupted = stop_on_interrupt("finishing the row that is begun; Ctrl-C again gives it up")?;
+    let level_name = format!("{level:?}").to_lowercase();
+    let mut envelope = Envelope { level: level_name, rows: Vec::new(), complete: false };
+    let chosen: Vec<_> =
+        plans().filter(|plan| arguments.only.is_empty() || arguments.only.iter().any(|o| o == plan.name)).collect();
+    for (number, plan) in chosen.iter().enumerate() {
+        if interrupted.load(Ordering::Relaxed) {
+            break;
+        }
+        if !arguments.quiet {
+            eprintln!("{} of {}: {}", number + 1, chosen.len(), plan.name);
+        }
+        envelope.rows.push(plan.run(&device, level));
+        envelope.complete = envelope.rows.len() == chosen.len();
+        let document = EnvelopeDocument { provenance: &provenance, envelope: &envelope };
+        for (file, text) in
+            files.iter().zip([EnvelopeDocument::json, EnvelopeDocument::markdown, EnvelopeDocument::html])
+        {
+            if let Some(path) = file {
+                write_text(path, &text(&document))?;
+            }
+        }
+    }
+    print(&EnvelopeDocument { provenance: &provenance, envelope: &envelope }.lines())?;
+    let failing: Vec<&str> = envelope.rows.iter().filter(|row| !row.holds()).map(|row| row.name).collect();
+    if failing.is_empty() { Ok(()) } else { Err(BrokenPromise(failing.join(", ")).into()) }
+}

@@ -1,0 +1,80 @@
+//! Faults: samples that came out NaN or infinite, followed again to the bounce that made them so.
+
+use super::batch;
+use super::plan::SampleRange;
+use super::prepare::PreparedScene;
+use super::session::{RenderError, Session, SessionOptions, Statistics};
+use super::settings::{Scheduler, Settings, ShadowRays, Sort};
+use crate::gpu::Device;
+use crate::layout::FilmPixel;
+use crate::recording::Recording;
+
+/// A sample that was not finite.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Fault {
+    /// Column of the pixel, from the left.
+    pub x: u32,
+    /// Row of the pixel, from the top.
+    pub y: u32,
+    /// Number of the sample.
+    pub sample: u32,
+    /// Scattering events before the vertex that made it so; `None` if it was finite this time, which a sound device
+    /// does not do.
+    pub bounce: Option<u32>,
+}
+
+/// Follows again the samples that a render left out of the film, as many as it noted (up to 16), and finds the bounce
+/// that spoilt each. The wavefront does it whatever scheduler rendered: the paths are the same to the last bit, and its
+/// radiance can be looked at after every bounce. So a render without faults pays nothing for it.
+///
+/// # Errors
+/// When the device fails.
+pub fn find_faults(
+    device: &Device,
+    scene: &PreparedScene,
+    settings: &Settings,
+    statistics: &Statistics,
+) -> Result<Vec<Fault>, RenderError> {
+    if statistics.nonfinite_traced.is_empty() {
+        return Ok(Vec::new());
+    }
+    let settings = Settings {
+        scheduler: Some(Scheduler::Wavefront),
+        sort: Sort::None,
+        shadow_rays: ShadowRays::Deferred,
+        in_flight: Some(1),
+        ..*settings
+    };
+    // The film is not used: a row of it will do.
+    let film_bytes = Some(u64::from(settings.width) * size_of::<FilmPixel>() as u64);
+    let mut session =
+        Session::with_options(device, scene, &settings, SessionOptions { film_bytes, ..SessionOptions::default() })?;
+    let fault = |&[pixel, sample]: &[u32; 2]| {
+        let bounce = session.spoiling_bounce(pixel, sample)?;
+        Ok(Fault { x: pixel % settings.width, y: pixel / settings.width, sample, bounce })
+    };
+    statistics.nonfinite_traced.iter().map(fault).collect()
+}
+
+impl Session {
+    /// Scattering events before the vertex after which the radiance of that sample is no longer finite.
+    fn spoiling_bounce(&mut self, first_pixel: u32, first_sample: u32) -> Result<Option<u32>, RenderError> {
+        self.clear()?;
+        let range = SampleRange { first_pixel, pixel_count: 1, first_sample, sample_count: 1, film_pixel: 0 };
+        let mut recording = Recording::default();
+        batch::begin(&mut recording, &self.plan, range);
+        let last = self.settings.max_bounces.unwrap_or(u32::MAX - 1);
+        for bounce in 0..=last {
+            self.advance(&mut recording, range, bounce..bounce + 1);
+            self.executor.submit(&std::mem::take(&mut recording))?;
+            let radiances: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.executor.read("radiances")?);
+            if radiances[0][..3].iter().any(|channel| !channel.is_finite()) {
+                return Ok(Some(bounce));
+            }
+            if self.control()?.current_rays == 0 {
+                break;
+            }
+        }
+        Ok(None)
+    }
+}
