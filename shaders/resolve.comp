@@ -9,34 +9,43 @@
 
 layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
-// Adds x to sum + compensation. (Neumaier 1974)
+// Adds x to sum + compensation. What rounding took goes into the next summand, so that it never grows
+// to a sum of its own: a compensation that only gathers is itself rounded off after some 2^20 samples.
+// (Kahan 1965, with Neumaier's order of the two summands)
 void add(inout vec3 sum, inout vec3 compensation, vec3 x) {
+    x += compensation;
     vec3 total = sum + x;
     vec3 small_x = (sum - total) + x;
     vec3 small_sum = (x - total) + sum;
-    compensation += mix(small_sum, small_x, greaterThanEqual(abs(sum), abs(x)));
+    compensation = mix(small_sum, small_x, greaterThanEqual(abs(sum), abs(x)));
     sum = total;
 }
+
+bool is_finite(vec3 x) { return !any(isnan(x)) && !any(isinf(x)); }
 
 void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index < batch.pixel_count) {
         FilmPixel pixel = film.pixels[batch.film_pixel + index];
+        bool spoilt = false;
         for (uint i = 0u; i < batch.sample_count; i++) {
             vec3 radiance = radiances.rgb[i * batch.pixel_count + index].rgb;
-            bool nonfinite = any(isnan(radiance)) || any(isinf(radiance));
-            // A loop of one turn at most: where no lane has such a sample, it is skipped.
-            while (nonfinite) {
-                uint place = atomicAdd(control.nonfinite_samples, 1u);
-                if (place < TRACED_SAMPLES) {
-                    control.traced_samples[place] = uvec2(batch.first_pixel + index, batch.first_sample + i);
-                }
-                radiance = vec3(0.0);
-                nonfinite = false;
-            }
+            bool finite = is_finite(radiance);
+            spoilt = spoilt || !finite;
+            radiance = finite ? radiance : vec3(0.0);
             add(pixel.sum.rgb, pixel.sum_compensation.rgb, radiance);
             add(pixel.squares.rgb, pixel.squares_compensation.rgb, radiance * radiance);
         }
         film.pixels[batch.film_pixel + index] = pixel;
+
+        // Tell which samples were left out. The others pay nothing for it.
+        for (uint i = 0u; spoilt && i < batch.sample_count; i++) {
+            if (!is_finite(radiances.rgb[i * batch.pixel_count + index].rgb)) {
+                uint place = atomicAdd(control.nonfinite_samples, 1u);
+                if (place < TRACED_SAMPLES) {
+                    control.traced_samples[place] = uvec2(batch.first_pixel + index, batch.first_sample + i);
+                }
+            }
+        }
     }
 }

@@ -79,9 +79,9 @@ impl Plan {
     /// Bytes of the film of a tile, where the image is more than one: enough pixels to keep any
     /// device busy, few enough for the host that reads them.
     const TILE_BYTES: u64 = 1 << 27;
-    /// Samples of a pixel in one batch, at most: resolve loops over them, and lavapipe leaves an
-    /// invocation's loops after 65 535 rounds without a word.
-    const SAMPLES_AT_ONCE: u32 = 1 << 15;
+    /// Samples of a pixel in one batch, at most: resolve loops over them, twice where some are not
+    /// finite, and lavapipe leaves an invocation's loops after 65 535 rounds without a word.
+    const SAMPLES_AT_ONCE: u32 = 1 << 14;
     /// Rays of a replay in one launch, at most: enough to keep any device busy, and 56 bytes each.
     const REPLAYED_RAYS: u32 = 1 << 22;
 

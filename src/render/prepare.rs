@@ -257,7 +257,7 @@ impl PreparedScene {
         let radiance_scale = radiance_scale(scene);
         let (lights, light_area) = lights_of(scene, &bvh, &corners)?;
 
-        let mut frame = camera_frame(&scene.camera, &normalisation);
+        let mut frame = camera_frame(&scene.camera, &normalisation, &corners);
         let features = Features::of(scene, frame.camera_distance > 0.0);
         let (textures, headers) = if features.textures { pack_textures(scene) } else { Default::default() };
         let (environment, environment_aliases) = match &scene.environment {
@@ -437,6 +437,22 @@ impl Needs {
     }
 }
 
+/// The eye, or where it lies in a surface but for rounding, a point further along its view: from within, some rays would
+/// find that surface in front of them and some would not.
+fn clear_of_surfaces(eye: DVec3, forward: DVec3, corners: &[[Vec3; 3]]) -> DVec3 {
+    // Some roundings of the coordinates at hand.
+    const TOUCH: f64 = 4.8e-7;
+    let touch = |corners: &[Vec3; 3]| {
+        let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let touch = TOUCH * low.abs().max(high.abs()).max(eye.abs()).max_element();
+        let near = eye.cmpge(low - touch).all() && eye.cmple(high + touch).all();
+        let off = || (b - a).cross(c - a).normalize_or_zero().dot(eye - a).abs();
+        (near && off() <= touch).then_some(touch)
+    };
+    corners.iter().find_map(touch).map_or(eye, |touch| eye + 8.0 * touch * forward)
+}
+
 /// Radius of the ball about the origin that holds any normalised scene.
 const SCENE_RADIUS: f64 = 1.75;
 /// Distance of an eye from the middle of a scene beyond which rays start nearer to the scene, normalised units: until
@@ -452,7 +468,7 @@ fn ray_start(eye: DVec3, forward: DVec3) -> f64 {
 }
 
 /// Camera vectors for a square image: the session scales `camera_right` by the aspect.
-fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation) -> Frame {
+fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation, corners: &[[Vec3; 3]]) -> Frame {
     let forward = (camera.target - camera.eye).normalize();
     let mut right = forward.cross(camera.up).normalize_or_zero();
     if right == DVec3::ZERO {
@@ -462,7 +478,7 @@ fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation) -> Frame 
     let up = right.cross(forward);
     let half_height = (0.5 * camera.vfov.to_radians()).tan();
     let mut frame: Frame = bytemuck::Zeroable::zeroed();
-    let eye = normalisation.point(camera.eye);
+    let eye = clear_of_surfaces(normalisation.point(camera.eye), forward, corners);
     let distance = ray_start(eye, forward);
     frame.camera_eye = (eye + distance * forward).as_vec3().to_array();
     frame.camera_distance = distance as f32;

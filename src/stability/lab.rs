@@ -12,6 +12,7 @@ use crate::oracle::Reference;
 use crate::rays::{RayClass, RayRecord};
 use crate::render::{PreparedScene, RenderError, Replay, Session, Settings};
 use crate::scene::{Integrator, Scene};
+use crate::stats::{mean, standard_error};
 use crate::studies::Trial;
 
 /// How much is done.
@@ -125,6 +126,22 @@ impl Lab<'_> {
         };
         let wrong = film.sum.iter().zip(&right).filter(|pair| wrong(*pair)).count();
         Ok(share(wrong as u64, film.sum.len() as u64, nonfinite))
+    }
+
+    /// The relative difference of the means of the same paths, one a pixel, here and by the oracle.
+    pub fn mean_of_paths(&self, scene: &Scene, settings: &Settings) -> Result<Measured, RenderError> {
+        let (film, nonfinite) = self.film(scene, settings)?;
+        let reference = Reference::new(scene, settings);
+        let pixels = 0..film.sum.len() as u32;
+        let right: Vec<f64> = pixels.into_par_iter().map(|pixel| reference.path(pixel, 0).radiance.x).collect();
+        let off: Vec<f64> = film.sum.iter().zip(&right).map(|(found, right)| found.x - right).collect();
+        let exact = mean(&right);
+        Ok(Measured {
+            value: (mean(&off) / exact).abs(),
+            standard_error: standard_error(&off) / exact,
+            checked: off.len() as u64,
+            nonfinite,
+        })
     }
 
     /// The relative error of the mean over the image and its colours.

@@ -66,7 +66,7 @@ pub const PLANS: &[Plan] = &[
         measure: "relative error of the mean",
         allowed: 1e-4,
         remark: "light sampling",
-        reduced: "96² x 16 samples a setting",
+        reduced: "96² x 64 samples a setting",
         trials: enclosing_lamp_explicit,
     },
     Plan {
@@ -75,7 +75,7 @@ pub const PLANS: &[Plan] = &[
         measure: "relative error of the mean against the closed form",
         allowed: 1e-3,
         remark: "2^24 is the most that the random numbers tell apart",
-        reduced: "96² x 16 samples a setting",
+        reduced: "96² x 64 samples a setting",
         trials: many_lamps,
     },
     Plan {
@@ -84,7 +84,7 @@ pub const PLANS: &[Plan] = &[
         measure: "relative error of the mean against a quadrature",
         allowed: 1e-3,
         remark: "",
-        reduced: "96² x 16 samples a setting",
+        reduced: "96² x 64 samples a setting",
         trials: bright_texel,
     },
 ];
@@ -163,13 +163,13 @@ fn enclosing_lamp(lab: &Lab<'_>) -> Vec<Trial> {
 }
 
 fn enclosing_lamp_explicit(lab: &Lab<'_>) -> Vec<Trial> {
-    let picture = Settings { samples: lab.by_level(16, 16, 256), ..lab.picture(Integrator::Explicit, 1) };
+    let picture = Settings { samples: lab.by_level(16, 64, 256), ..lab.picture(Integrator::Explicit, 1) };
     let run = |(size, required): (f64, bool)| trial(tell(size), required, lab.mean(&enclosed(size), &picture, 1.0));
     lab.ladder(&[3.0, 1e3, 1e6], &[1e9, 1e12]).into_iter().map(run).collect()
 }
 
 fn many_lamps(lab: &Lab<'_>) -> Vec<Trial> {
-    let picture = Settings { samples: 16, ..lab.picture(Integrator::Explicit, 1) };
+    let picture = Settings { samples: lab.by_level(16, 64, 256), ..lab.picture(Integrator::Explicit, 1) };
     let run = |(cells, required): (u32, bool)| {
         // A square of half side 1 at distance 1 over the middle of a floor.
         let step = 2.0 / f64::from(cells);
@@ -194,7 +194,7 @@ fn many_lamps(lab: &Lab<'_>) -> Vec<Trial> {
 }
 
 fn bright_texel(lab: &Lab<'_>) -> Vec<Trial> {
-    let picture = Settings { samples: 16, ..lab.picture(Integrator::Explicit, 1) };
+    let picture = Settings { samples: lab.by_level(16, 64, 256), ..lab.picture(Integrator::Explicit, 1) };
     let run = |(radiance, required): (f64, bool)| {
         let (width, height) = (64, 32);
         let mut texels = vec![Vec3::splat(1e-3); width * height];
