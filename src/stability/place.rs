@@ -185,7 +185,7 @@ fn grazing_light(lab: &Lab<'_>) -> Vec<Trial> {
         let scene = Stage::new(normal - to_lamp, -to_lamp, 1e-7)
             .of(grey(1.0))
             .square(-to_lamp, normal, 0.5)
-            .square(to_lamp, -normal, 0.5)
+            .square(to_lamp, normal, 0.5)
             .of(lamp((1.0 / (half * half)) as f32))
             .square(DVec3::ZERO, -to_lamp, half)
             .scene();
@@ -193,7 +193,7 @@ fn grazing_light(lab: &Lab<'_>) -> Vec<Trial> {
         let exact = ke * 4.0 * half * half * angle.sin() / std::f64::consts::PI;
         trial(tell(angle), required, lab.mean(&scene, &picture, exact))
     };
-    lab.ladder(&[1e-1, 1e-2, 1e-3], &[1e-4, 1e-5, 1e-6]).into_iter().map(run).collect()
+    lab.ladder(&[1e-1, 1e-2], &[1e-3, 1e-4, 1e-5, 1e-6]).into_iter().map(run).collect()
 }
 
 fn eye_on_surface(lab: &Lab<'_>) -> Vec<Trial> {
