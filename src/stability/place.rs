@@ -182,15 +182,18 @@ fn grazing_light(lab: &Lab<'_>) -> Vec<Trial> {
         // The lamp is in the middle of the scene, where positions have the most digits.
         let to_lamp = angle.cos() * along + angle.sin() * normal;
         let half = 1e-4 * angle;
+        // One triangle: of two in a plane, one blocks some rays to the other where the lamp is this small.
+        let a = half * to_lamp.any_orthonormal_vector();
+        let b = a.cross(to_lamp);
         let scene = Stage::new(normal - to_lamp, -to_lamp, 1e-7)
             .of(grey(1.0))
             .square(-to_lamp, normal, 0.5)
             .square(to_lamp, normal, 0.5)
             .of(lamp((1.0 / (half * half)) as f32))
-            .square(DVec3::ZERO, -to_lamp, half)
+            .polygon(&[-a - b, a - b, b - a])
             .scene();
         let ke = f64::from((1.0 / (half * half)) as f32);
-        let exact = ke * 4.0 * half * half * angle.sin() / std::f64::consts::PI;
+        let exact = ke * 2.0 * half * half * angle.sin() / std::f64::consts::PI;
         trial(tell(angle), required, lab.mean(&scene, &picture, exact))
     };
     lab.ladder(&[1e-1, 1e-2], &[1e-3, 1e-4, 1e-5, 1e-6]).into_iter().map(run).collect()
