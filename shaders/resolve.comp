@@ -23,7 +23,7 @@ void main() {
     if (index < batch.pixel_count) {
         FilmPixel pixel = film.pixels[batch.film_pixel + index];
         for (uint i = 0u; i < batch.sample_count; i++) {
-            vec3 radiance = radiances.rgb[i * batch.pixel_count + index].rgb;
+            vec3 radiance = radiances.rgb[index * batch.sample_count + i].rgb;
             if (any(isnan(radiance)) || any(isinf(radiance))) {
                 atomicAdd(control.nonfinite_samples, 1u);
             } else {

@@ -46,6 +46,12 @@ shared_constants! {
     WIDE_INNER_BIT = 24;
     /// Most triangles of a wide leaf.
     WIDE_LEAF_TRIANGLES = 3;
+    /// Groups of triangles that a ray gathers from wide nodes before it meets them, in search of the
+    /// nearest hit, at most 3; a group is of one node. On lavapipe 3 make rays of bounces 1.2 times as
+    /// fast as 1.
+    CLOSEST_GROUPS = 3;
+    /// The same in search of any hit, where a group that blocks spares all that follows.
+    ANY_GROUPS = 2;
     /// Most nodes of a wide BVH: a stack entry has 24 bits for one, and 8 for its children.
     WIDE_MAX_NODES = 1 << 24;
     /// Most triangles of a list: a kernel has instructions for each of them. One under a power of 4,

@@ -103,6 +103,21 @@ fn what_a_scene_does_not_need_is_not_bound() {
     assert!(!names.contains("lights"));
 }
 
+#[test]
+fn memory_that_is_told_is_that_of_the_buffers_that_are_bound() {
+    let device = device();
+    let scene = own_scene("cornell-box");
+    let prepared = PreparedScene::new(&scene).expect("the scene fits");
+    let explicit =
+        Settings { integrator: Integrator::Explicit, scheduler: Some(Scheduler::Wavefront), ..small(&scene) };
+    let implicit = Settings { integrator: Integrator::Implicit, ..explicit };
+    let [with, without] =
+        [explicit, implicit].map(|settings| render_on(&device, &scene, &settings).statistics.memory_bytes);
+    let lights = size_of_val(prepared.lights.as_slice()) as u64;
+    // Of each path a shadow ray of three records.
+    assert_eq!(with - without, 48 * 500 + lights);
+}
+
 /// A floor, and materials in a file.
 fn floor(mtl: &str) -> Scene {
     let toml = "[camera]\neye = [0, 1, 0.1]\ntarget = [0, 0, 0]\nvfov = 60\n[[mesh]]\nfile = \"scene.obj\"\n[environment]\nradiance = [1, 1, 1]\n";

@@ -53,7 +53,7 @@ layout(set = 1, binding = 15, std430) buffer Bins {
     uint places[MATERIAL_BINS];  // where the next ray of each bin goes
 } bins;
 
-// The batch of samples in flight: slots run over pixels first, then over samples.
+// The batch of samples in flight: slots run over the samples of a pixel first, then over pixels.
 layout(push_constant) uniform Batch {
     uint first_pixel;
     uint pixel_count;

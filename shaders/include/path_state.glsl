@@ -4,8 +4,9 @@
 #include "bindings_path.glsl"
 #include "path.glsl"
 
-uint pixel_of(uint slot) { return batch.first_pixel + slot % batch.pixel_count; }
-uint sample_of(uint slot) { return batch.first_sample + slot / batch.pixel_count; }
+// Samples of a pixel lie side by side: the lanes of a subgroup see much the same of the scene.
+uint pixel_of(uint slot) { return batch.first_pixel + slot / batch.sample_count; }
+uint sample_of(uint slot) { return batch.first_sample + slot % batch.sample_count; }
 
 // The half of the ray queue that the bounce reads; the other half takes what it appends.
 uint current_ray(uint place) { return ray_queue.paths[(batch.bounce & 1u) * frame.path_capacity + place]; }

@@ -82,6 +82,10 @@ impl Plan {
     /// Samples of a pixel in one batch, at most: resolve loops over them, and lavapipe leaves an
     /// invocation's loops after 65 535 rounds without a word.
     const SAMPLES_AT_ONCE: u32 = 1 << 15;
+    /// Samples of a pixel in one batch, at least, where so many are asked for: paths that begin in one
+    /// pixel see much the same, so the lanes of a subgroup stay together for longer. Few, since a render
+    /// that is broken off finishes the samples that it has begun.
+    const SAMPLES_SIDE_BY_SIDE: u32 = 4;
     /// Rays of a replay in one launch, at most: enough to keep any device busy, and 56 bytes each.
     const REPLAYED_RAYS: u32 = 1 << 22;
 
@@ -163,14 +167,15 @@ impl Plan {
             .map(move |first_row| Tile { first_row, rows: tile_rows.min(height - first_row) })
     }
 
-    /// The batches that take every pixel of a tile from `samples.start` to `samples.end`: whole
-    /// samples of the tile where they fit the path slots, else a part of the pixels at a time.
+    /// The batches that take every pixel of a tile from `samples.start` to `samples.end`: the whole
+    /// tile where so many samples fit the path slots, else a part of the pixels at a time.
     pub fn batches(&self, tile: Tile, samples: std::ops::Range<u32>) -> impl Iterator<Item = SampleRange> + use<> {
         let Plan { width, path_capacity, .. } = *self;
         let (tile_pixel, pixels) = (tile.first_row * width, tile.rows * width);
-        let samples_at_once = (path_capacity / pixels).max(1);
-        let pixels_at_once = path_capacity.min(pixels);
         let end = samples.end;
+        let side_by_side = Self::SAMPLES_SIDE_BY_SIDE.min(end - samples.start).min(path_capacity);
+        let samples_at_once = (path_capacity / pixels).max(side_by_side);
+        let pixels_at_once = (path_capacity / samples_at_once).min(pixels);
         samples.step_by(samples_at_once as usize).flat_map(move |first_sample| {
             (0..pixels).step_by(pixels_at_once as usize).map(move |film_pixel| SampleRange {
                 first_pixel: tile_pixel + film_pixel,
