@@ -88,6 +88,8 @@ shared_constants! {
     INTEGRATOR_IMPLICIT = 0;
     /// A light sample at every non-specular vertex.
     INTEGRATOR_EXPLICIT = 1;
+    /// BRDF and light sampling, weighted by their densities.
+    INTEGRATOR_MIS = 2;
 
     /// `max_bounces` of an unbounded path.
     UNBOUNDED = u32::MAX;
@@ -140,8 +142,14 @@ shared_constants! {
     SPEC_LISTED_COUNT = 22;
     /// Whether bounce queues its shadow rays for connect.
     SPEC_DEFERS_SHADOW_RAYS = 23;
+    /// Whether random numbers are points of Sobol sequences.
+    SPEC_SOBOL = 24;
+    /// Whether the roulette goes by throughput.
+    SPEC_ROULETTE_BY_THROUGHPUT = 25;
+    /// Whether indirect light is clamped.
+    SPEC_CLAMPS = 26;
     /// Specialization constants that every kernel knows.
-    SPEC_COUNT = 24;
+    SPEC_COUNT = 27;
     /// The first of nine constants a triangle of the list, its vertices.
     SPEC_LISTED_TRIANGLES = 64;
 }

@@ -19,20 +19,23 @@ Ray load_ray(uint slot) {
 
 Path load_path(uint slot) {
     Ray ray = load_ray(slot);
-    bool sees_emission = ray_directions.words[slot].w != 0u;
+    uint word = ray_directions.words[slot].w;
     // Where nothing scatters, every ray is the camera's.
-    vec3 throughput = vec3(1.0);
+    vec4 throughput = vec4(1.0, 1.0, 1.0, 0.0);
     if (SCATTERS) {
-        throughput = throughputs.rgb[slot].rgb;
+        throughput = throughputs.rgba[slot];
     }
-    return Path(pixel_of(slot), sample_of(slot), batch.bounce, ray, throughput, sees_emission);
+    bool sees_emission = MIS || word != 0u;
+    float density = MIS ? uintBitsToFloat(word) : ONE_DIRECTION;
+    return Path(pixel_of(slot), sample_of(slot), batch.bounce, ray, throughput.rgb, sees_emission, density, throughput.a);
 }
 
 void store_path(uint slot, Path path) {
     ray_origins.words[slot] = uvec4(floatBitsToUint(path.ray.origin), path.ray.leaves);
-    ray_directions.words[slot] = uvec4(floatBitsToUint(path.ray.direction), path.sees_emission ? 1u : 0u);
+    uint word = MIS ? floatBitsToUint(path.density) : path.sees_emission ? 1u : 0u;
+    ray_directions.words[slot] = uvec4(floatBitsToUint(path.ray.direction), word);
     if (SCATTERS) {
-        throughputs.rgb[slot] = vec4(path.throughput, 0.0);
+        throughputs.rgba[slot] = vec4(path.throughput, MIS ? path.sky_density : 0.0);
     }
 }
 

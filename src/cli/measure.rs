@@ -19,9 +19,10 @@ use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceKind};
 use crate::layout::WorkCount;
 use crate::render::{
-    Fetch, Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, ShadowRays, Sort,
+    Fetch, Outcome, PrepareError, PreparedScene, RouletteMode, Scheduler, Session, SessionOptions, Settings,
+    ShadowRays, Sort,
 };
-use crate::scene::{Integrator, Scene};
+use crate::scene::{Integrator, Sampler, Scene};
 use crate::studies::{
     BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
     SceneFacts, StageWork, WorkCounters,
@@ -243,6 +244,11 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("scheduler", "megakernel") => settings.scheduler = Some(Scheduler::Megakernel),
             ("integrator", "implicit") => settings.integrator = Integrator::Implicit,
             ("integrator", "explicit") => settings.integrator = Integrator::Explicit,
+            ("integrator", "mis") => settings.integrator = Integrator::Mis,
+            ("sampler", "independent") => settings.sampler = Sampler::Independent,
+            ("sampler", "sobol") => settings.sampler = Sampler::Sobol,
+            ("roulette-mode", "constant") => settings.roulette_mode = RouletteMode::Constant,
+            ("roulette-mode", "throughput") => settings.roulette_mode = RouletteMode::Throughput,
             ("in-flight", _) => settings.in_flight = Some(count()?),
             ("workgroup", _) => settings.workgroup_size = Some(count()?),
             ("paths-per-invocation", _) => settings.paths_per_invocation = Some(count()?),

@@ -18,7 +18,8 @@ use crate::scene::Scene;
 
 use super::devices::kind_name;
 use super::picture::{
-    PictureArguments, bvh_name, fetch_name, integrator_name, scheduler_name, shadow_rays_name, sort_name,
+    PictureArguments, bvh_name, fetch_name, integrator_name, roulette_mode_name, sampler_name, scheduler_name,
+    shadow_rays_name, sort_name,
 };
 use super::tuning::{self, Tuning};
 use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
@@ -163,6 +164,11 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "integrator": integrator_name(settings.integrator),
         "max_bounces": settings.max_bounces.map_or(-1, i64::from),
         "roulette": settings.roulette,
+        "roulette_mode": roulette_mode_name(settings.roulette_mode),
+        "roulette_from_vertex": settings.roulette_from,
+        "sampler": sampler_name(settings.sampler),
+        "clamp_radiance": settings.clamp,
+        "biased_by": settings.biased_by(),
         "seed": settings.seed,
         "scheduler": scheduler_name(statistics.scheduler),
         "shading_cost_steps": settings.shading_cost,
@@ -285,6 +291,9 @@ fn summarise(arguments: &RenderArguments, settings: &Settings, statistics: &Stat
         statistics.sample_count as f64 / seconds / 1e6,
         statistics.rays() as f64 / seconds / 1e6,
     );
+    if let Some(clamp) = settings.clamp {
+        eprintln!("warning: the image is biased: indirect light is clamped at a radiance of {clamp}");
+    }
     if statistics.nonfinite_samples > 0 {
         eprintln!("warning: {} samples were NaN or infinite and are left out", statistics.nonfinite_samples);
     }

@@ -113,8 +113,20 @@ pub const FACTORS: &[FactorKind] = &[
     FactorKind {
         name: "integrator",
         role: Role::Estimator,
-        levels: Levels::Named(&["explicit", "implicit"]),
+        levels: Levels::Named(&["explicit", "implicit", "mis"]),
         meaning: "integrator",
+    },
+    FactorKind {
+        name: "sampler",
+        role: Role::Estimator,
+        levels: Levels::Named(&["independent", "sobol"]),
+        meaning: "source of random numbers",
+    },
+    FactorKind {
+        name: "roulette-mode",
+        role: Role::Estimator,
+        levels: Levels::Named(&["constant", "throughput"]),
+        meaning: "how a roulette decides",
     },
     FactorKind {
         name: "shading-cost",
