@@ -134,8 +134,12 @@ shared_constants! {
     SPEC_LISTED_COUNT = 22;
     /// Whether bounce queues its shadow rays for connect.
     SPEC_DEFERS_SHADOW_RAYS = 23;
+    /// Whether what a path carries is kept in halves.
+    SPEC_HALF_STATE = 27;
+    /// Whether rays leave surfaces by a fixed offset.
+    SPEC_FIXED_OFFSETS = 28;
     /// Specialization constants that every kernel knows.
-    SPEC_COUNT = 24;
+    SPEC_COUNT = 29;
     /// The first of nine constants a triangle of the list, its vertices.
     SPEC_LISTED_TRIANGLES = 64;
 }

@@ -28,6 +28,8 @@ layout(constant_id = SPEC_SCATTERS) const bool SCATTERS = true;
 layout(constant_id = SPEC_BOUNDED) const bool BOUNDED = true;
 layout(constant_id = SPEC_CASTS_SHADOWS) const bool CASTS_SHADOWS = true;
 layout(constant_id = SPEC_DEFERS_SHADOW_RAYS) const bool DEFERS_SHADOW_RAYS = true;
+layout(constant_id = SPEC_HALF_STATE) const bool HALF_STATE = false;
+layout(constant_id = SPEC_FIXED_OFFSETS) const bool FIXED_OFFSETS = false;
 
 const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
 const bool HAS_SPECULAR = HAS_MIRROR || HAS_GLASS;

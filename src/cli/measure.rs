@@ -19,7 +19,8 @@ use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceKind};
 use crate::layout::WorkCount;
 use crate::render::{
-    Fetch, Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, ShadowRays, Sort,
+    Fetch, Offsets, Outcome, PathState, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings,
+    ShadowRays, Sort,
 };
 use crate::scene::{Integrator, Scene};
 use crate::studies::{
@@ -243,6 +244,9 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("scheduler", "megakernel") => settings.scheduler = Some(Scheduler::Megakernel),
             ("integrator", "implicit") => settings.integrator = Integrator::Implicit,
             ("integrator", "explicit") => settings.integrator = Integrator::Explicit,
+            ("samples", _) => settings.samples = count()?,
+            ("max-bounces", _) => settings.max_bounces = Some(count()?),
+            ("roulette", _) => settings.roulette = level.parse().context("its levels are numbers")?,
             ("in-flight", _) => settings.in_flight = Some(count()?),
             ("workgroup", _) => settings.workgroup_size = Some(count()?),
             ("paths-per-invocation", _) => settings.paths_per_invocation = Some(count()?),
@@ -255,6 +259,10 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("sort", "material") => settings.sort = Sort::Material,
             ("shadow-rays", "deferred") => settings.shadow_rays = ShadowRays::Deferred,
             ("shadow-rays", "at-once") => settings.shadow_rays = ShadowRays::AtOnce,
+            ("path-state", "f32") => settings.path_state = PathState::F32,
+            ("path-state", "f16") => settings.path_state = PathState::F16,
+            ("offsets", "robust") => settings.offsets = Offsets::Robust,
+            ("offsets", "fixed") => settings.offsets = Offsets::Fixed,
             ("fast-math", _) => settings.fast_math = level == "on",
             ("specialize", _) => settings.specialize = level == "on",
             ("shading-cost", _) => settings.shading_cost = count()?,
@@ -341,8 +349,9 @@ fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
     let statistics = &outcome.statistics;
     let samples = statistics.sample_count;
     let rays = samples + statistics.bounce_rays;
-    // Paths that never scatter keep no throughput.
-    let throughput = if settings.specialize && settings.max_bounces == Some(0) { 0 } else { 16 };
+    // Paths that never scatter keep no throughput, and with halves it lies beside the direction.
+    let unscattered = settings.specialize && settings.max_bounces == Some(0);
+    let throughput = if unscattered || settings.path_state == PathState::F16 { 0 } else { 16 };
     // Generate writes origin, direction, throughput, radiance and a queue entry.
     let generated = (3 * 16 + throughput + 4) * samples;
     // At most all shadow rays reach the light, and then read and write a radiance.

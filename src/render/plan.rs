@@ -186,7 +186,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{ShadowRays, Sort};
+    use crate::render::{Offsets, PathState, ShadowRays, Sort};
     use crate::scene::Integrator;
     use proptest::prelude::*;
 
@@ -217,6 +217,8 @@ mod tests {
             sort: Sort::None,
             shadow_rays: ShadowRays::Deferred,
             paths_per_invocation: None,
+            path_state: PathState::F32,
+            offsets: Offsets::Robust,
             fast_math: false,
             fetch: None,
             tuned: false,

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
 use super::plan::Plan;
-use super::settings::{Settings, ShadowRays, Sort};
+use super::settings::{Offsets, PathState, Settings, ShadowRays, Sort};
 use crate::alias::alias_table;
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
@@ -386,6 +386,8 @@ impl Needs {
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
             (SPEC_DEFERS_SHADOW_RAYS, (settings.shadow_rays == ShadowRays::Deferred).into()),
+            (SPEC_HALF_STATE, (settings.path_state == PathState::F16).into()),
+            (SPEC_FIXED_OFFSETS, (settings.offsets == Offsets::Fixed).into()),
             (SPEC_BVH_WIDTH, bvh.width()),
             (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
         ] {

@@ -33,6 +33,15 @@ pub enum Levels {
         /// Levels where the user names none.
         default: &'static [&'static str],
     },
+    /// Any number from `low` up to, not including, `high`; `default` where none is given.
+    Numbers {
+        /// Smallest number.
+        low: f64,
+        /// What every number is below.
+        high: f64,
+        /// Levels where the user names none.
+        default: &'static [&'static str],
+    },
 }
 
 /// A setting that a study can vary.
@@ -111,10 +120,40 @@ pub const FACTORS: &[FactorKind] = &[
         meaning: "fused and reordered arithmetic",
     },
     FactorKind {
+        name: "path-state",
+        role: Role::Estimator,
+        levels: Levels::Named(&["f32", "f16"]),
+        meaning: "how exactly path state is kept",
+    },
+    FactorKind {
+        name: "offsets",
+        role: Role::Estimator,
+        levels: Levels::Named(&["robust", "fixed"]),
+        meaning: "how rays leave surfaces",
+    },
+    FactorKind {
         name: "integrator",
         role: Role::Estimator,
         levels: Levels::Named(&["explicit", "implicit"]),
         meaning: "integrator",
+    },
+    FactorKind {
+        name: "roulette",
+        role: Role::Estimator,
+        levels: Levels::Numbers { low: 0.0, high: 1.0, default: &["0", "0.1", "0.2", "0.4"] },
+        meaning: "probability of stopping at a vertex",
+    },
+    FactorKind {
+        name: "samples",
+        role: Role::Workload,
+        levels: Levels::Counts { min: 1, default: &["4", "16", "64"] },
+        meaning: "samples per pixel",
+    },
+    FactorKind {
+        name: "max-bounces",
+        role: Role::Workload,
+        levels: Levels::Counts { min: 0, default: &["2", "4", "8", "16"] },
+        meaning: "bounces of a path",
     },
     FactorKind {
         name: "shading-cost",
@@ -189,7 +228,7 @@ impl Factor {
         let levels: Vec<String> = match (given, kind.levels) {
             (Some(given), _) => given.split(',').map(|level| level.trim().to_owned()).collect(),
             (None, Levels::Named(names)) => names.iter().map(|&name| name.to_owned()).collect(),
-            (None, Levels::Counts { default, .. }) => default.iter().map(|&level| level.to_owned()).collect(),
+            (None, Levels::Counts { default, .. } | Levels::Numbers { default, .. }) => default.iter().map(|&level| level.to_owned()).collect(),
         };
         for (i, level) in levels.iter().enumerate() {
             kind.check(level)?;
@@ -209,6 +248,10 @@ impl FactorKind {
                 parse_count(level).is_some_and(|count| count >= min),
                 format!("use a count from {min} on, such as 64 or 16k (k is 1024, M is 1024²)"),
             ),
+            Levels::Numbers { low, high, .. } => (
+                level.parse::<f64>().is_ok_and(|number| (low..high).contains(&number)),
+                format!("use a number from {low} up to, not including, {high}"),
+            ),
         };
         let bad = || StudyError::BadLevel { factor: self.name, level: level.to_owned(), allowed };
         fits.then_some(()).ok_or_else(bad)
@@ -219,6 +262,7 @@ impl FactorKind {
         match self.levels {
             Levels::Named(_) => a == b,
             Levels::Counts { .. } => parse_count(a) == parse_count(b),
+            Levels::Numbers { .. } => a.parse::<f64>().ok() == b.parse::<f64>().ok(),
         }
     }
 }
@@ -236,6 +280,17 @@ impl Configuration {
     /// The level of a factor that is a count; `None` where it is not varied or has a name.
     pub fn count(&self, factor: &str) -> Option<u64> {
         parse_count(self.level(factor)?)
+    }
+
+    /// This configuration with a factor at that level, in its place or at the end.
+    #[must_use]
+    pub fn with(&self, factor: &'static str, level: &str) -> Self {
+        let mut with = self.clone();
+        match with.0.iter_mut().find(|(name, _)| *name == factor) {
+            Some((_, old)) => level.clone_into(old),
+            None => with.0.push((factor, level.to_owned())),
+        }
+        with
     }
 
     /// The other factors and their levels.

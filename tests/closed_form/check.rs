@@ -3,7 +3,7 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{Settings, ShadowRays, Sort};
+use raywave::render::{Offsets, PathState, Settings, ShadowRays, Sort};
 use raywave::scene::Integrator::{self, Explicit, Implicit};
 use raywave::stats::{sidak_level, z_test};
 
@@ -44,6 +44,8 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         sort: Sort::None,
         shadow_rays: ShadowRays::Deferred,
         paths_per_invocation: None,
+        path_state: PathState::F32,
+        offsets: Offsets::Robust,
         fast_math: false,
         fetch: None,
         tuned: false,
