@@ -193,6 +193,9 @@ pub struct TargetAnswer {
     pub measured: bool,
     /// Arms and their times to the error, the fastest first.
     pub arms: Vec<(String, f64)>,
+    /// Their configurations with the samples that should do.
+    #[serde(skip)]
+    pub(super) candidates: Vec<Configuration>,
 }
 
 impl PointReport {
@@ -359,11 +362,12 @@ impl TradeoffReport {
         }
         best.sort_by(|a, b| a.0.total_cmp(&b.0));
         let arms = best.iter().map(|(time, configuration, ..)| (label(configuration), *time)).collect();
+        let candidates = best.iter().map(|(_, configuration, ..)| configuration.clone()).collect();
         let first = best.into_iter().next();
         let (seconds, samples, measured) = first.as_ref().map_or((f64::NAN, 0, false), |b| (b.0, b.2, b.3));
         let configuration = first.map(|best| best.1);
         let label = configuration.as_ref().map(label).unwrap_or_default();
-        TargetAnswer { rel_mse: wanted, configuration, label, samples, seconds, measured, arms }
+        TargetAnswer { rel_mse: wanted, configuration, label, samples, seconds, measured, arms, candidates }
     }
 }
 
