@@ -82,6 +82,8 @@ shared_constants! {
     INTEGRATOR_IMPLICIT = 0;
     /// A light sample at every non-specular vertex.
     INTEGRATOR_EXPLICIT = 1;
+    /// BRDF and light sampling, weighted by their densities.
+    INTEGRATOR_MIS = 2;
 
     /// `max_bounces` of an unbounded path.
     UNBOUNDED = u32::MAX;
@@ -134,6 +136,12 @@ shared_constants! {
     SPEC_LISTED_COUNT = 22;
     /// Whether bounce queues its shadow rays for connect.
     SPEC_DEFERS_SHADOW_RAYS = 23;
+    /// Whether random numbers are points of Sobol sequences.
+    SPEC_SOBOL = 24;
+    /// Whether the roulette goes by throughput.
+    SPEC_ROULETTE_BY_THROUGHPUT = 25;
+    /// Whether indirect light is clamped.
+    SPEC_CLAMPS = 26;
     /// Whether what a path carries is kept in halves.
     SPEC_HALF_STATE = 27;
     /// Whether rays leave surfaces by a fixed offset.

@@ -102,7 +102,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("render -o a.png --width 1 --height 1 --samples 1000000000", "1000000000 samples per pixel"),
     ("render -o a.png --max-bounces -2", "-2 is not in -1..=1000000"),
     ("render -o a.png --max-bounces -1", "unbounded paths never end without a roulette"),
-    ("render -o a.png --integrator magic", "possible values: implicit, explicit"),
+    ("render -o a.png --integrator magic", "possible values: implicit, explicit, mis"),
     ("render -o a.png --roulette 1", "roulette 1 is not a probability"),
     ("render -o a.png --roulette -0.1", "roulette -0.1 is not a probability"),
     ("render -o a.png --roulette nan", "roulette NaN is not a probability"),

@@ -44,6 +44,9 @@ Triangle fetch_triangle(uint index) {
     return Triangle(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(c.xyz), b.w, a.w);
 }
 
+// Area of an emitting triangle over the probability that light sampling picks it; 0 of any other.
+float fetch_light_area(uint index) { return uintBitsToFloat(fetch_triangles(TRIANGLE_TEXELS * index + 2u).w); }
+
 // A bound of n roundings. (Pharr, Jakob and Humphreys, Physically Based Rendering, 6.8)
 float rounding_bound(float n) { return n * 5.9604645e-8 / (1.0 - n * 5.9604645e-8); }
 

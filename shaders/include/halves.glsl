@@ -4,6 +4,8 @@
 
 // The largest half. What is larger is cut to it: finite light stays finite.
 const float LARGEST_HALF = 65504.0;
+// The smallest half above 0.
+const float SMALLEST_HALF = 5.9604645e-8;
 // Bits of a float's mantissa that a half has no room for.
 const uint LOST_BITS = 0x1fffu;
 

@@ -16,19 +16,28 @@ vec3 unpack_direction(uvec4 words) {
     return HALF_STATE ? decode_direction(words.xy) : uintBitsToFloat(words.xyz);
 }
 
-// What the words of ray_directions hold of a path with HALF_STATE: 48 bits of direction, the throughput
-// in three halves, and whether light that the ray finds counts.
+// What the words of ray_directions hold of a path with HALF_STATE: 48 bits of direction, the throughput in
+// three halves, and two more: its densities with MIS, or whether light that the ray finds counts.
 uvec4 pack_path(Path path) {
-    vec3 throughput = round_to_halves(path.throughput, dither(path.ray.origin));
-    vec2 rest = vec2(throughput.z, path.sees_emission ? 1.0 : 0.0);
-    return uvec4(encode_direction(path.ray.direction), packHalf2x16(throughput.xy), packHalf2x16(rest));
+    uvec3 random = dither(path.ray.origin);
+    vec3 throughput = round_to_halves(path.throughput, random);
+    vec3 others = vec3(path.sees_emission ? 1.0 : 0.0, 0.0, 0.0);
+    if (MIS) {
+        others = round_to_halves(vec3(path.density, path.sky_density, 0.0), random.yzx);
+    }
+    uvec4 words = uvec4(encode_direction(path.ray.direction), packHalf2x16(throughput.xy), packHalf2x16(vec2(throughput.z, others.x)));
+    words.y |= packHalf2x16(vec2(0.0, others.y));
+    return words;
 }
 
 void unpack_path(uvec4 words, inout Path path) {
-    path.ray.direction = unpack_direction(words);
     vec2 rest = unpackHalf2x16(words.w);
+    path.ray.direction = unpack_direction(words);
     path.throughput = vec3(unpackHalf2x16(words.z), rest.x);
-    path.sees_emission = rest.y != 0.0;
+    path.sees_emission = MIS || rest.y != 0.0;
+    // The largest half stands for all densities that are no smaller: nothing else can find that direction.
+    path.density = MIS && rest.y < LARGEST_HALF ? max(rest.y, SMALLEST_HALF) : ONE_DIRECTION;
+    path.sky_density = unpackHalf2x16(words.y).y;
 }
 
 // The path as memory would keep it, for a scheduler that keeps it in registers.
@@ -45,15 +54,18 @@ Ray load_ray(uint slot) {
 }
 
 Path load_path(uint slot) {
-    Path path = Path(pixel_of(slot), sample_of(slot), batch.bounce, load_ray(slot), vec3(1.0), true);
+    Path path = Path(pixel_of(slot), sample_of(slot), batch.bounce, load_ray(slot), vec3(1.0), true, ONE_DIRECTION, 0.0);
     uvec4 words = ray_directions.words[slot];
     if (HALF_STATE) {
         unpack_path(words, path);
     } else {
-        path.sees_emission = words.w != 0u;
+        path.sees_emission = MIS || words.w != 0u;
+        path.density = MIS ? uintBitsToFloat(words.w) : ONE_DIRECTION;
         // Where nothing scatters, every ray is the camera's.
         if (SCATTERS) {
-            path.throughput = throughputs.rgb[slot].rgb;
+            vec4 throughput = throughputs.rgba[slot];
+            path.throughput = throughput.rgb;
+            path.sky_density = throughput.a;
         }
     }
     return path;
@@ -64,9 +76,10 @@ void store_path(uint slot, Path path) {
     if (HALF_STATE) {
         ray_directions.words[slot] = pack_path(path);
     } else {
-        ray_directions.words[slot] = uvec4(floatBitsToUint(path.ray.direction), path.sees_emission ? 1u : 0u);
+        uint word = MIS ? floatBitsToUint(path.density) : path.sees_emission ? 1u : 0u;
+        ray_directions.words[slot] = uvec4(floatBitsToUint(path.ray.direction), word);
         if (SCATTERS) {
-            throughputs.rgb[slot] = vec4(path.throughput, 0.0);
+            throughputs.rgba[slot] = vec4(path.throughput, MIS ? path.sky_density : 0.0);
         }
     }
 }

@@ -19,10 +19,11 @@ use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceKind};
 use crate::layout::WorkCount;
 use crate::render::{
-    Fetch, Offsets, Outcome, PathState, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings,
+    Fetch, Offsets, Outcome, PathState, PrepareError, PreparedScene, RouletteMode, Scheduler, Session, SessionOptions,
+    Settings,
     ShadowRays, Sort,
 };
-use crate::scene::{Integrator, Scene};
+use crate::scene::{Integrator, Sampler, Scene};
 use crate::studies::{
     BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
     SceneFacts, StageWork, WorkCounters,
@@ -61,6 +62,10 @@ impl OpenScene {
         }
     }
 }
+
+/// Samples that a session is planned for that renders fewer as well: enough for all paths that a device
+/// takes at once, so that no number of samples runs with fewer than it could.
+const ROOMY_SAMPLES: u32 = 64;
 
 /// The order in which a bounce runs its kernels, for tables.
 const KERNEL_ORDER: [&str; 11] = [
@@ -143,6 +148,7 @@ impl DeviceRenderer {
                 let session = self.sessions.get_mut(&key).context("a configuration is timed after its first render")?;
                 Ok(measurement(&settings, &session.render(|_| ControlFlow::Continue(()))?))
             }
+            Purpose::Seeded(seed) => self.render_seeded(settings, &configuration.without("samples").to_string(), seed),
             Purpose::Counting => {
                 let options = SessionOptions { counting: true, ..SessionOptions::default() };
                 let lanes = self.device.description().subgroup_size;
@@ -171,6 +177,27 @@ impl DeviceRenderer {
         if self.start_ups > 0 {
             self.start_up(&settings, &mut measured);
         }
+        Ok(measured)
+    }
+
+    /// A render by the random numbers of a seed, with the session that all numbers of samples share.
+    fn render_seeded(&mut self, settings: Settings, key: &str, seed: u32) -> anyhow::Result<Measurement> {
+        let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
+        let device = self.device.description();
+        let prepared = scene.prepare(&settings, device.subgroup_size)?;
+        if !self.sessions.contains_key(key) {
+            let held: u64 = self.sessions.values().map(Session::memory_bytes).sum();
+            if held > device.memory_bytes / 2 {
+                self.sessions.clear();
+            }
+            let roomy = Settings { samples: settings.samples.max(ROOMY_SAMPLES), ..settings };
+            self.sessions.insert(key.to_owned(), Session::new(&self.device, prepared, &roomy)?);
+        }
+        let session = self.sessions.get_mut(key).context("the session is open")?;
+        session.reseed(prepared, seed, settings.samples)?;
+        let outcome = session.render(|_| ControlFlow::Continue(()))?;
+        let mut measured = measurement(&settings, &outcome);
+        measured.image = Some(outcome.film.mean());
         Ok(measured)
     }
 
@@ -247,6 +274,13 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("samples", _) => settings.samples = count()?,
             ("max-bounces", _) => settings.max_bounces = Some(count()?),
             ("roulette", _) => settings.roulette = level.parse().context("its levels are numbers")?,
+            ("integrator", "mis") => settings.integrator = Integrator::Mis,
+            ("clamp", "off") => settings.clamp = None,
+            ("clamp", _) => settings.clamp = Some(level.parse().context("its levels are numbers")?),
+            ("sampler", "independent") => settings.sampler = Sampler::Independent,
+            ("sampler", "sobol") => settings.sampler = Sampler::Sobol,
+            ("roulette-mode", "constant") => settings.roulette_mode = RouletteMode::Constant,
+            ("roulette-mode", "throughput") => settings.roulette_mode = RouletteMode::Throughput,
             ("in-flight", _) => settings.in_flight = Some(count()?),
             ("workgroup", _) => settings.workgroup_size = Some(count()?),
             ("paths-per-invocation", _) => settings.paths_per_invocation = Some(count()?),

@@ -5,8 +5,10 @@ use clap::ValueEnum;
 use super::open_device;
 use crate::bvh::BvhKind;
 use crate::gpu::Device;
-use crate::render::{Fetch, MAX_MATERIAL_BRANCHES, Offsets, PathState, Scheduler, Settings, ShadowRays, Sort};
-use crate::scene::{Integrator, Scene};
+use crate::render::{
+    Fetch, MAX_MATERIAL_BRANCHES, Offsets, PathState, RouletteMode, Scheduler, Settings, ShadowRays, Sort,
+};
+use crate::scene::{Integrator, Sampler, Scene};
 
 /// Arguments that say what a pixel is, in place of what the scene says.
 #[derive(Debug, Clone, clap::Args)]
@@ -29,6 +31,18 @@ pub struct PictureArguments {
     /// Probability of stopping at each vertex, in [0, 1)
     #[arg(long, value_name = "Q", allow_negative_numbers = true)]
     roulette: Option<f64>,
+    /// How a roulette decides; the image stays the same up to noise
+    #[arg(long, value_name = "NAME", default_value = "constant")]
+    roulette_mode: RouletteModeName,
+    /// First vertex at which a roulette by throughput may stop a path; 0 is what the camera sees
+    #[arg(long, value_name = "VERTEX", default_value_t = Settings::ROULETTE_FROM)]
+    roulette_from: u32,
+    /// Where random numbers come from
+    #[arg(long, value_name = "NAME")]
+    sampler: Option<SamplerName>,
+    /// Most radiance that indirect light may bring to a sample by one vertex; BIASED: the image loses light
+    #[arg(long, value_name = "RADIANCE", allow_negative_numbers = true)]
+    clamp: Option<f64>,
     /// Seed of the random numbers
     #[arg(long, default_value_t = 0)]
     seed: u32,
@@ -97,6 +111,24 @@ enum IntegratorName {
     Implicit,
     /// A light sample at every vertex
     Explicit,
+    /// Both, weighted by their densities: the power heuristic
+    Mis,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum RouletteModeName {
+    /// Every vertex stops the path with probability q
+    Constant,
+    /// Paths survive by their throughput, and by 1 - q at most
+    Throughput,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum SamplerName {
+    /// Numbers that know nothing of each other
+    Independent,
+    /// An Owen-scrambled Sobol sequence in each pixel
+    Sobol,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -177,10 +209,22 @@ impl PictureArguments {
             integrator: match self.integrator {
                 Some(IntegratorName::Implicit) => Integrator::Implicit,
                 Some(IntegratorName::Explicit) => Integrator::Explicit,
+                Some(IntegratorName::Mis) => Integrator::Mis,
                 None => given.integrator,
             },
             max_bounces: self.max_bounces.map_or(given.max_bounces, |bounces| u32::try_from(bounces).ok()),
             roulette: self.roulette.unwrap_or(given.roulette),
+            roulette_mode: match self.roulette_mode {
+                RouletteModeName::Constant => RouletteMode::Constant,
+                RouletteModeName::Throughput => RouletteMode::Throughput,
+            },
+            roulette_from: self.roulette_from,
+            sampler: match self.sampler {
+                Some(SamplerName::Independent) => Sampler::Independent,
+                Some(SamplerName::Sobol) => Sampler::Sobol,
+                None => given.sampler,
+            },
+            clamp: self.clamp,
             seed: self.seed,
             scheduler: self.scheduler.map(|name| match name {
                 SchedulerName::Wavefront => Scheduler::Wavefront,
@@ -242,6 +286,23 @@ pub fn integrator_name(integrator: Integrator) -> &'static str {
     match integrator {
         Integrator::Implicit => "implicit",
         Integrator::Explicit => "explicit",
+        Integrator::Mis => "mis",
+    }
+}
+
+/// Name of a way that a roulette decides, as the command line has it.
+pub fn roulette_mode_name(mode: RouletteMode) -> &'static str {
+    match mode {
+        RouletteMode::Constant => "constant",
+        RouletteMode::Throughput => "throughput",
+    }
+}
+
+/// Name of a sampler, as the command line and the scene file have it.
+pub fn sampler_name(sampler: Sampler) -> &'static str {
+    match sampler {
+        Sampler::Independent => "independent",
+        Sampler::Sobol => "sobol",
     }
 }
 

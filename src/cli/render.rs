@@ -13,12 +13,13 @@ use serde_json::{Map, Value, json};
 use crate::export::plain;
 use crate::film::{Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
 use crate::gpu::DeviceDescription;
-use crate::render::{Fetch, PreparedScene, Progress, Session, Settings, Statistics};
+use crate::render::{Fetch, Offsets, PreparedScene, Progress, Session, Settings, Statistics};
 use crate::scene::Scene;
 
 use super::devices::kind_name;
 use super::picture::{
-    PictureArguments, bvh_name, fetch_name, integrator_name, offsets_name, path_state_name, scheduler_name,
+    PictureArguments, bvh_name, fetch_name, integrator_name, offsets_name, path_state_name, roulette_mode_name,
+    sampler_name, scheduler_name,
     shadow_rays_name, sort_name,
 };
 use super::tuning::{self, Tuning};
@@ -164,6 +165,11 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "integrator": integrator_name(settings.integrator),
         "max_bounces": settings.max_bounces.map_or(-1, i64::from),
         "roulette": settings.roulette,
+        "roulette_mode": roulette_mode_name(settings.roulette_mode),
+        "roulette_from_vertex": settings.roulette_from,
+        "sampler": sampler_name(settings.sampler),
+        "clamp_radiance": settings.clamp,
+        "biased_by": settings.biased_by(),
         "seed": settings.seed,
         "scheduler": scheduler_name(statistics.scheduler),
         "shading_cost_steps": settings.shading_cost,
@@ -288,6 +294,12 @@ fn summarise(arguments: &RenderArguments, settings: &Settings, statistics: &Stat
         statistics.sample_count as f64 / seconds / 1e6,
         statistics.rays() as f64 / seconds / 1e6,
     );
+    if let Some(clamp) = settings.clamp {
+        eprintln!("warning: the image is biased: indirect light is clamped at a radiance of {clamp}");
+    }
+    if settings.offsets == Offsets::Fixed {
+        eprintln!("warning: the image is biased: surfaces closer to each other than 1e-4 of the scene are not told apart");
+    }
     if statistics.nonfinite_samples > 0 {
         eprintln!("warning: {} samples were NaN or infinite and are left out", statistics.nonfinite_samples);
     }

@@ -186,8 +186,8 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Offsets, PathState, ShadowRays, Sort};
-    use crate::scene::Integrator;
+    use crate::render::{Offsets, PathState, RouletteMode, ShadowRays, Sort};
+    use crate::scene::{Integrator, Sampler};
     use proptest::prelude::*;
 
     const DEVICE: DeviceLimits = DeviceLimits {
@@ -207,6 +207,10 @@ mod tests {
             integrator,
             max_bounces: Some(4),
             roulette: 0.0,
+            roulette_mode: RouletteMode::Constant,
+            roulette_from: Settings::ROULETTE_FROM,
+            sampler: Sampler::Independent,
+            clamp: None,
             seed: 0,
             scheduler: None,
             in_flight,

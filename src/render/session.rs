@@ -228,11 +228,6 @@ impl Session {
         self.executor.memory_bytes()
     }
 
-    /// Path slots: the most paths in flight.
-    pub fn path_capacity(&self) -> u32 {
-        self.plan.path_capacity
-    }
-
     /// Time that the driver took to build each kernel, by name.
     pub fn pipeline_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.executor.pipeline_times()

@@ -22,7 +22,7 @@ pub enum Role {
 }
 
 /// What levels a factor takes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Levels {
     /// These names.
     Named(&'static [&'static str]),
@@ -42,10 +42,15 @@ pub enum Levels {
         /// Levels where the user names none.
         default: &'static [&'static str],
     },
+    /// Any number above 0, or `off`; `default` where none is given.
+    NumbersOrOff {
+        /// Levels where the user names none.
+        default: &'static [&'static str],
+    },
 }
 
 /// A setting that a study can vary.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FactorKind {
     /// Its name, that of the command line's option without the dashes.
     pub name: &'static str,
@@ -134,7 +139,7 @@ pub const FACTORS: &[FactorKind] = &[
     FactorKind {
         name: "integrator",
         role: Role::Estimator,
-        levels: Levels::Named(&["explicit", "implicit"]),
+        levels: Levels::Named(&["explicit", "implicit", "mis"]),
         meaning: "integrator",
     },
     FactorKind {
@@ -154,6 +159,24 @@ pub const FACTORS: &[FactorKind] = &[
         role: Role::Workload,
         levels: Levels::Counts { min: 0, default: &["2", "4", "8", "16"] },
         meaning: "bounces of a path",
+    },
+    FactorKind {
+        name: "clamp",
+        role: Role::Workload,
+        levels: Levels::NumbersOrOff { default: &["off", "10", "1"] },
+        meaning: "most radiance of indirect light",
+    },
+    FactorKind {
+        name: "sampler",
+        role: Role::Estimator,
+        levels: Levels::Named(&["independent", "sobol"]),
+        meaning: "source of random numbers",
+    },
+    FactorKind {
+        name: "roulette-mode",
+        role: Role::Estimator,
+        levels: Levels::Named(&["constant", "throughput"]),
+        meaning: "how a roulette decides",
     },
     FactorKind {
         name: "shading-cost",
@@ -188,7 +211,7 @@ pub fn parse_count(text: &str) -> Option<u64> {
 }
 
 /// A setting and the levels that a study gives it, the first of which is the baseline's.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Factor {
     /// The setting.
     pub kind: &'static FactorKind,
@@ -228,7 +251,7 @@ impl Factor {
         let levels: Vec<String> = match (given, kind.levels) {
             (Some(given), _) => given.split(',').map(|level| level.trim().to_owned()).collect(),
             (None, Levels::Named(names)) => names.iter().map(|&name| name.to_owned()).collect(),
-            (None, Levels::Counts { default, .. } | Levels::Numbers { default, .. }) => default.iter().map(|&level| level.to_owned()).collect(),
+            (None, Levels::Counts { default, .. } | Levels::Numbers { default, .. } | Levels::NumbersOrOff { default }) => default.iter().map(|&level| level.to_owned()).collect(),
         };
         for (i, level) in levels.iter().enumerate() {
             kind.check(level)?;
@@ -252,6 +275,10 @@ impl FactorKind {
                 level.parse::<f64>().is_ok_and(|number| (low..high).contains(&number)),
                 format!("use a number from {low} up to, not including, {high}"),
             ),
+            Levels::NumbersOrOff { .. } => (
+                level == "off" || level.parse::<f64>().is_ok_and(|number| number > 0.0 && number.is_finite()),
+                "use a number above 0, or off".to_owned(),
+            ),
         };
         let bad = || StudyError::BadLevel { factor: self.name, level: level.to_owned(), allowed };
         fits.then_some(()).ok_or_else(bad)
@@ -262,7 +289,7 @@ impl FactorKind {
         match self.levels {
             Levels::Named(_) => a == b,
             Levels::Counts { .. } => parse_count(a) == parse_count(b),
-            Levels::Numbers { .. } => a.parse::<f64>().ok() == b.parse::<f64>().ok(),
+            Levels::Numbers { .. } | Levels::NumbersOrOff { .. } => a.parse::<f64>().ok() == b.parse::<f64>().ok(),
         }
     }
 }
@@ -324,7 +351,7 @@ impl Serialize for Configuration {
 
 /// A full factorial: every combination of the levels, and the one that the others are measured
 /// against.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Design {
     factors: Vec<Factor>,
     baseline: Configuration,

@@ -3,8 +3,9 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{Offsets, PathState, Settings, ShadowRays, Sort};
+use raywave::render::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
 use raywave::scene::Integrator::{self, Explicit, Implicit};
+use raywave::scene::Sampler;
 use raywave::stats::{sidak_level, z_test};
 
 use crate::common::render_on;
@@ -34,6 +35,10 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         integrator: Explicit,
         max_bounces: Some(bounces),
         roulette: 0.0,
+        roulette_mode: RouletteMode::Constant,
+        roulette_from: Settings::ROULETTE_FROM,
+        sampler: Sampler::Independent,
+        clamp: None,
         seed: 1,
         scheduler: None,
         in_flight: None,

@@ -223,7 +223,7 @@ pub fn product(a: [&Image; 2], b: [&Image; 2], reference: &Image) -> (f64, f64) 
         if !own.is_finite() {
             continue;
         }
-        let apart = |pair: [&Image; 2]| (pair[0].pixels[i].as_dvec3() - pair[1].pixels[i].as_dvec3());
+        let apart = |pair: [&Image; 2]| pair[0].pixels[i].as_dvec3() - pair[1].pixels[i].as_dvec3();
         let product = apart(a) * apart(b);
         let own = own.as_dvec3();
         absolute += product.element_sum();

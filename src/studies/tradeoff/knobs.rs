@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value};
 
-use crate::studies::factorial::{FACTORS, FactorKind, Levels};
+use crate::studies::factorial::{FACTORS, Levels};
 use crate::studies::Configuration;
 
 /// A setting that buys speed with error, or looks as if it might.
@@ -12,7 +12,8 @@ pub struct Knob {
     pub factor: &'static str,
     /// Its key in the record of settings.
     pub setting: &'static str,
-    /// The level that a reference has, where levels are not all as exact.
+    /// The level that a reference is rendered with: an exact one, and of several the surest. `None` leaves
+    /// the base's.
     pub exact: Option<&'static str>,
     /// Levels to try in such a base; its own is left out afterwards.
     levels: fn(&Base) -> Vec<String>,
@@ -55,13 +56,19 @@ fn every_name(factor: &str) -> Vec<String> {
     }
 }
 
+/// Two digits of a number above 0.
+fn significant(value: f64) -> String {
+    format!("{value:.1e}").parse().map_or_else(|_| "1".to_owned(), |rounded: f64| rounded.to_string())
+}
+
 fn numbers(numbers: &[f64]) -> Vec<String> {
     numbers.iter().map(ToString::to_string).collect()
 }
 
 /// Every knob but the number of samples, which each of the others is measured in.
 pub const KNOBS: &[Knob] = &[
-    Knob { factor: "integrator", setting: "integrator", exact: None, levels: |_| every_name("integrator") },
+    Knob { factor: "integrator", setting: "integrator", exact: Some("mis"), levels: |_| every_name("integrator") },
+    Knob { factor: "sampler", setting: "sampler", exact: Some("independent"), levels: |_| every_name("sampler") },
     Knob {
         factor: "max-bounces",
         setting: "max_bounces",
@@ -77,6 +84,13 @@ pub const KNOBS: &[Knob] = &[
         setting: "roulette",
         exact: None,
         levels: |base| numbers(if base.unbounded() { &[0.05, 0.1, 0.2, 0.4] } else { &[0.0, 0.1, 0.2, 0.4] }),
+    },
+    Knob { factor: "roulette-mode", setting: "roulette_mode", exact: None, levels: |_| every_name("roulette-mode") },
+    Knob {
+        factor: "clamp",
+        setting: "clamp_radiance",
+        exact: Some("off"),
+        levels: |base| [2.0, 8.0, 32.0].map(|times| significant(times * base.mean_radiance)).to_vec(),
     },
     Knob { factor: "path-state", setting: "path_state", exact: Some("f32"), levels: |_| every_name("path-state") },
     Knob { factor: "offsets", setting: "offsets", exact: Some("robust"), levels: |_| every_name("offsets") },
@@ -123,10 +137,4 @@ pub fn flags(configuration: &Configuration) -> String {
         _ => Some(format!("--{factor} {level}")),
     };
     configuration.iter().filter_map(flag).collect::<Vec<_>>().join(" ")
-}
-
-/// The factor of that name.
-#[allow(dead_code, reason = "tests hold the table to it")]
-pub fn factor_of(knob: &Knob) -> Option<&'static FactorKind> {
-    FACTORS.iter().find(|kind| kind.name == knob.factor)
 }
