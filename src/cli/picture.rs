@@ -262,6 +262,11 @@ impl PictureArguments {
         Ok(settings)
     }
 
+    /// Whether the command line says how many samples there are.
+    pub fn has_samples(&self) -> bool {
+        self.samples.is_some()
+    }
+
     /// Opens the device that is wanted, or the best one.
     ///
     /// # Errors

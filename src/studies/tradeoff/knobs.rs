@@ -128,13 +128,23 @@ pub fn label(configuration: &Configuration) -> String {
     if parts.is_empty() { "base".to_owned() } else { parts.join(", ") }
 }
 
-/// The flags of `render` that set a configuration.
-pub fn flags(configuration: &Configuration) -> String {
-    let is_switch = |factor: &str| factor == "fast-math";
-    let flag = |(factor, level): (&'static str, &str)| match (is_switch(factor), level) {
-        (true, "on") => Some(format!("--{factor}")),
-        (true, _) | (_, "off") => None,
-        _ => Some(format!("--{factor} {level}")),
-    };
-    configuration.iter().filter_map(flag).collect::<Vec<_>>().join(" ")
+/// The flags of `render` that make a point of a sweep: every knob that is not as it is without a flag, and those
+/// that a scene file may set.
+pub fn flags(base: &Base, configuration: &Configuration) -> String {
+    let mut flags: Vec<String> = [("width", "width_pixels"), ("height", "height_pixels")]
+        .map(|(flag, setting)| format!("--{flag} {}", base.number(setting)))
+        .to_vec();
+    flags.extend(configuration.level("samples").map(|samples| format!("--samples {samples}")));
+    for knob in KNOBS {
+        let turned = configuration.level(knob.factor).map(str::to_owned);
+        let level = turned.clone().unwrap_or_else(|| base.level(knob));
+        match (knob.factor, level.as_str()) {
+            // The shape of the BVH is the device's choice unless it was turned.
+            ("bvh", _) if turned.is_none() => {}
+            (_, "off") | ("roulette-mode", "constant") | ("path-state", "f32") | ("offsets", "robust") => {}
+            (factor, "on") => flags.push(format!("--{factor}")),
+            (factor, level) => flags.push(format!("--{factor} {level}")),
+        }
+    }
+    flags.join(" ")
 }

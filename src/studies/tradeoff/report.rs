@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::departures::{self, Decomposition, Products, Reference, ReferenceNoise, by_renders, mean_radiance, widened};
-use super::knobs::label;
+use super::knobs::{Base, flags, label};
 use crate::film::Image;
 use crate::stats::{Bootstrap, Estimate, median};
 use crate::studies::{Configuration, Measurement, SceneFacts};
@@ -71,6 +71,8 @@ pub struct PointReport {
     pub label: String,
     /// Samples of each pixel.
     pub samples: u32,
+    /// Flags of `render` that make it.
+    pub flags: String,
     /// Why it is there.
     pub stage: Stage,
     /// Why it was given up.
@@ -185,6 +187,8 @@ pub struct TargetAnswer {
     pub configuration: Option<Configuration>,
     /// What they are called.
     pub label: String,
+    /// Flags of `render` that make them.
+    pub flags: String,
     /// Samples of each pixel.
     pub samples: u32,
     /// Time of a render.
@@ -199,10 +203,11 @@ pub struct TargetAnswer {
 }
 
 impl PointReport {
-    pub(super) fn new(configuration: Configuration, stage: Stage) -> Self {
+    pub(super) fn new(configuration: Configuration, stage: Stage, base: &Base) -> Self {
         let samples = configuration.count("samples").and_then(|n| u32::try_from(n).ok()).unwrap_or(1);
         Self {
             label: label(&configuration),
+            flags: flags(base, &configuration),
             samples,
             configuration,
             stage,
@@ -281,6 +286,11 @@ fn weighted_median(values: &[f64], weights: &[f64]) -> f64 {
 }
 
 impl TradeoffReport {
+    /// The reference's image, once there is one.
+    pub fn reference_image(&self) -> Option<&Arc<Image>> {
+        self.held_against.as_ref().map(|reference| &reference.image)
+    }
+
     pub(super) fn point(&self, configuration: &Configuration) -> Option<usize> {
         self.points.iter().position(|point| point.configuration == *configuration)
     }
@@ -367,7 +377,9 @@ impl TradeoffReport {
         let (seconds, samples, measured) = first.as_ref().map_or((f64::NAN, 0, false), |b| (b.0, b.2, b.3));
         let configuration = first.map(|best| best.1);
         let label = configuration.as_ref().map(label).unwrap_or_default();
-        TargetAnswer { rel_mse: wanted, configuration, label, samples, seconds, measured, arms, candidates }
+        let base = Base { settings: self.base_settings.clone(), mean_radiance: 0.0 };
+        let flags = configuration.as_ref().map(|configuration| flags(&base, configuration)).unwrap_or_default();
+        TargetAnswer { rel_mse: wanted, configuration, label, flags, samples, seconds, measured, arms, candidates }
     }
 }
 

@@ -170,12 +170,12 @@ impl Run<'_> {
         }
         let rest = self.sweep.budget_seconds - self.spent;
         let share = if self.sweep.target.is_some() { 0.6 * rest } else { rest };
-        let combined = self.combine(share);
+        let combined = self.combine(&base, share);
         if !combined.is_empty() && self.stage("what is worth it, along the samples", combined, share).is_break() {
             return Ok(ControlFlow::Break(()));
         }
         let Some(target) = self.sweep.target else { return Ok(ControlFlow::Continue(())) };
-        let candidates = self.candidates(target);
+        let candidates = self.candidates(&base, target);
         let rest = self.sweep.budget_seconds - self.spent;
         if candidates.is_empty() {
             return Ok(ControlFlow::Continue(()));
@@ -261,19 +261,19 @@ impl Run<'_> {
     fn turn_knobs(&mut self, base: &Base) {
         let samples = self.report.base_samples.to_string();
         let start = Configuration::default().with("samples", &samples);
-        self.report.points.push(PointReport::new(start.clone(), Stage::OneKnob));
+        self.report.points.push(PointReport::new(start.clone(), Stage::OneKnob, base));
         for knob in KNOBS {
             for level in knob.other_levels(base) {
                 let configuration = start.with(knob.factor, &level);
                 self.turned.push((self.report.points.len(), knob.factor, level, base.level(knob)));
-                self.report.points.push(PointReport::new(configuration, Stage::OneKnob));
+                self.report.points.push(PointReport::new(configuration, Stage::OneKnob, base));
             }
         }
     }
 
     /// What was worth it alone, put together along the number of samples: the base, all free knobs, and beside
     /// them each that trades. As many numbers of samples as fit the seconds. Yields the new points' places.
-    fn combine(&mut self, seconds: f64) -> Vec<usize> {
+    fn combine(&mut self, base: &Base, seconds: f64) -> Vec<usize> {
         let none = Configuration::default();
         let best = |worth: Worth| {
             let mut best: Vec<(&'static str, String, f64)> = Vec::new();
@@ -316,19 +316,19 @@ impl Run<'_> {
             points.remove(longest.unwrap_or(0));
         }
         let first = self.report.points.len();
-        self.report.points.extend(points.into_iter().map(|(c, _)| PointReport::new(c, Stage::Combined)));
+        self.report.points.extend(points.into_iter().map(|(c, _)| PointReport::new(c, Stage::Combined, base)));
         (first..self.report.points.len()).collect()
     }
 
     /// Points at which those that seem to reach the wanted error soonest should reach it.
-    fn candidates(&mut self, target: f64) -> Vec<usize> {
+    fn candidates(&mut self, base: &Base, target: f64) -> Vec<usize> {
         self.report.analyse(&self.turned, Some(target));
         let Some(answer) = &self.report.target else { return Vec::new() };
         let wanted: Vec<Configuration> = answer.candidates.iter().take(CANDIDATES).cloned().collect();
         let first = self.report.points.len();
         for configuration in wanted {
             if self.report.point(&configuration).is_none() {
-                self.report.points.push(PointReport::new(configuration, Stage::Target));
+                self.report.points.push(PointReport::new(configuration, Stage::Target, base));
             }
         }
         (first..self.report.points.len()).collect()
