@@ -66,16 +66,18 @@ pub fn findings(report: &TradeoffReport) -> Vec<String> {
     let mut findings = Vec::new();
     let of = |worth: Worth| report.knobs.iter().filter(move |knob| knob.worth == worth);
     let list = |knobs: Vec<String>| knobs.join(", ");
-    let buys = |worth: Worth| matches!(worth, Worth::Free | Worth::Trade);
-    if let Some(best) = report.knobs.iter().find(|knob| buys(knob.worth)) {
-        let Estimate { value, low, high } = best.cost_ratio;
-        let above = best.pays_above.map_or_else(String::new, |above| format!(", for errors above relMSE {}", small(above)));
+    let base_error = report.points.first().and_then(|base| Some(base.rel_mse?.total.value));
+    let best = report.knobs.first().filter(|knob| matches!(knob.worth, Worth::Free | Worth::Trade));
+    if let (Some(best), Some(error)) = (best.and_then(|best| Some((best, best.equal_error_ratio?))), base_error) {
         findings.push(format!(
-            "{} buys most: {value:.2} [{low:.2}, {high:.2}] times the time to an equal error{above}",
-            knob_label(best)
+            "{} buys most: the error of the base with {} samples, relMSE {}, in {:.2} times its time",
+            knob_label(best.0),
+            report.base_samples,
+            small(error),
+            best.1
         ));
     } else if !report.knobs.is_empty() {
-        findings.push("no knob surely buys anything: take more or fewer samples".to_owned());
+        findings.push("no knob surely buys anything at the base's error: take more or fewer samples".to_owned());
     }
     let with_cost = |knob: &KnobReport| format!("{} ({:.2}×)", knob_label(knob), knob.cost_ratio.value);
     let free: Vec<String> = of(Worth::Free).map(with_cost).collect();

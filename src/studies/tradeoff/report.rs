@@ -148,8 +148,25 @@ pub struct KnobReport {
     pub identical: bool,
     /// What it is worth.
     pub worth: Worth,
+    /// Time over the base's to the relMSE that the base has at the samples that knobs are compared at, bias
+    /// and all; `None` where the bias alone is more.
+    pub equal_error_ratio: Option<f64>,
     /// The relMSE above which a biased knob is worth it.
     pub pays_above: Option<f64>,
+}
+
+impl KnobReport {
+    /// Time over the base's to a relMSE, bias and all; `None` where the bias alone is more. The base's variance
+    /// goes with the inverse of its time, and so does the knob's.
+    pub fn time_to(&self, rel_mse: f64) -> Option<f64> {
+        let bias = if self.biased() { self.bias_squared.value } else { 0.0 };
+        (bias < rel_mse).then(|| self.cost_ratio.value * rel_mse / (rel_mse - bias))
+    }
+
+    /// Whether its bias is surely above none.
+    pub fn biased(&self) -> bool {
+        !self.identical && self.bias_squared.low > 0.0
+    }
 }
 
 /// What a knob is worth.
@@ -331,12 +348,15 @@ impl TradeoffReport {
                 self.knobs.extend(judged);
             }
         }
-        let order = |knob: &KnobReport| (knob.worth, knob.cost_ratio.value);
+        // Those that buy come first, by what they buy here.
+        let order = |knob: &KnobReport| {
+            let buys = matches!(knob.worth, Worth::Free | Worth::Trade);
+            let rank = if buys { 0 } else { 1 + knob.worth as usize };
+            (rank, if buys { knob.equal_error_ratio.unwrap_or(f64::MAX) } else { knob.cost_ratio.value })
+        };
         self.knobs.sort_by(|a, b| {
-            let ((a_worth, a_cost), (b_worth, b_cost)) = (order(a), order(b));
-            let buys = |worth| matches!(worth, Worth::Free | Worth::Trade);
-            // Free knobs and those that trade stand together, by what they buy.
-            (!buys(a_worth)).cmp(&!buys(b_worth)).then(if buys(a_worth) { std::cmp::Ordering::Equal } else { a_worth.cmp(&b_worth) }).then(a_cost.total_cmp(&b_cost))
+            let ((a_rank, a_cost), (b_rank, b_cost)) = (order(a), order(b));
+            a_rank.cmp(&b_rank).then(a_cost.total_cmp(&b_cost))
         });
     }
 
@@ -428,13 +448,7 @@ impl PointReport {
         let mean = mean_radiance(&reference.image);
         let shifts: Vec<f64> = (self.runs.iter().zip(&base.runs)).map(|(own, base)| (own.mean_error - base.mean_error) / mean).collect();
         let mean_shift = bootstrap.estimate([&shifts], |[shifts]| crate::stats::mean(shifts));
-        let biased = !identical && bias.is_biased();
-        let worth = match () {
-            () if cost_ratio.high < 1.0 => if biased { Worth::Trade } else { Worth::Free },
-            () if cost_ratio.low > 1.0 || (biased && cost_ratio.value >= 1.0) => Worth::Never,
-            () => Worth::Even,
-        };
-        Some(KnobReport {
+        let mut knob = KnobReport {
             factor,
             level: level.to_owned(),
             base_level: base_level.to_owned(),
@@ -443,8 +457,20 @@ impl PointReport {
             bias_squared: bias.bias_squared,
             mean_shift,
             identical,
-            worth,
-            pays_above: (worth == Worth::Trade).then(|| bias.bias_squared.value / (1.0 - cost_ratio.value)),
-        })
+            worth: Worth::Even,
+            equal_error_ratio: None,
+            pays_above: None,
+        };
+        knob.worth = match knob.biased() {
+            true if knob.cost_ratio.high < 1.0 => Worth::Trade,
+            true if knob.cost_ratio.value >= 1.0 => Worth::Never,
+            _ if knob.cost_ratio.low > 1.0 => Worth::Never,
+            false if knob.cost_ratio.high < 1.0 => Worth::Free,
+            _ => Worth::Even,
+        };
+        let pays_above = knob.bias_squared.value / (1.0 - knob.cost_ratio.value);
+        knob.pays_above = (knob.worth == Worth::Trade).then_some(pays_above);
+        knob.equal_error_ratio = base.rel_mse.and_then(|error| knob.time_to(error.total.value));
+        Some(knob)
     }
 }

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use super::departures::{Reference, ReferenceSum, mean_radiance};
 use super::knobs::{Base, KNOBS, exact, label};
-use super::report::{PointReport, Stage, TradeoffReport, Worth};
+use super::report::{KnobReport, PointReport, Stage, TradeoffReport, Worth};
 use crate::stats::{Bootstrap, SplitMix64};
 use crate::studies::{Configuration, Measurement, Purpose, Renderer, SceneFacts, StudyError, shuffle};
 
@@ -22,6 +22,10 @@ const FEWEST_REFERENCES: u64 = 8;
 const REFERENCE_SEED: u32 = 1 << 30;
 /// Numbers of samples of what is combined, over those of the base.
 const LADDER: [f64; 5] = [1.0 / 16.0, 0.25, 1.0, 4.0, 16.0];
+/// Share of the base's error at which knobs are chosen to be combined.
+const FINER: f64 = 0.25;
+/// Time of the base's to an equal error below which a knob is worth a try with others.
+const PROMISING: f64 = 0.97;
 /// Configurations that are taken on towards a wanted error.
 const CANDIDATES: usize = 3;
 
@@ -271,32 +275,39 @@ impl Run<'_> {
         }
     }
 
-    /// What was worth it alone, put together along the number of samples: the base, all free knobs, and beside
-    /// them each that trades. As many numbers of samples as fit the seconds. Yields the new points' places.
+    /// What seems worth it alone, put together along the number of samples: the base, all knobs without bias, and
+    /// beside them each that is biased, and all of those. As many numbers of samples as fit the seconds. Yields the
+    /// new points' places.
     fn combine(&mut self, base: &Base, seconds: f64) -> Vec<usize> {
-        let none = Configuration::default();
-        let best = |worth: Worth| {
-            let mut best: Vec<(&'static str, String, f64)> = Vec::new();
-            for knob in self.report.knobs.iter().filter(|knob| knob.worth == worth) {
-                if best.iter().all(|(factor, ..)| *factor != knob.factor) {
-                    best.push((knob.factor, knob.level.clone(), knob.time_ratio.value));
+        // The samples stand first, as in the points with one knob turned.
+        let none = Configuration::default().with("samples", &self.report.base_samples.to_string());
+        let error = self.report.points[0].rel_mse.map_or(f64::INFINITY, |error| error.total.value);
+        // What is biased must be worth it with more samples too.
+        let wanted = self.sweep.target.unwrap_or(FINER * error);
+        let buys = |knob: &KnobReport| knob.time_to(wanted).filter(|ratio| *ratio < PROMISING);
+        let best = |biased: bool| {
+            let mut best: Vec<(&KnobReport, f64)> = Vec::new();
+            let promising = self.report.knobs.iter().filter(|knob| knob.worth != Worth::Never && knob.biased() == biased);
+            for (knob, ratio) in promising.filter_map(|knob| Some((knob, buys(knob)?))) {
+                match best.iter_mut().find(|(other, _)| other.factor == knob.factor) {
+                    Some(other) if other.1 > ratio => *other = (knob, ratio),
+                    Some(_) => {}
+                    None => best.push((knob, ratio)),
                 }
             }
             best
         };
-        let (free, trades) = (best(Worth::Free), best(Worth::Trade));
-        let mut arms = vec![(none.clone(), 1.0)];
-        let all_free = free.iter().fold((none, 1.0), |(all, time), (factor, level, ratio)| (all.with(factor, level), time * ratio));
-        let mut everything = all_free.clone();
-        let mut beside = Vec::new();
-        for (factor, level, ratio) in &trades {
+        let with = |arm: &(Configuration, f64), knob: &KnobReport| {
             // Two levels of one factor cannot be had together.
-            let ratio = if all_free.0.level(factor).is_some() { 1.0 } else { *ratio };
-            beside.push((all_free.0.with(factor, level), all_free.1 * ratio));
-            everything = (everything.0.with(factor, level), everything.1 * ratio);
-        }
-        arms.push(all_free);
-        arms.extend(beside);
+            let ratio = if arm.0.level(knob.factor).is_some() { 1.0 } else { knob.time_ratio.value };
+            (arm.0.with(knob.factor, &knob.level), arm.1 * ratio)
+        };
+        let (right, biased) = (best(false), best(true));
+        let start = (none, 1.0);
+        let all_right = right.iter().fold(start.clone(), |arm, (knob, _)| with(&arm, knob));
+        let everything = biased.iter().fold(all_right.clone(), |arm, (knob, _)| with(&arm, knob));
+        let mut arms = vec![start, all_right.clone()];
+        arms.extend(biased.iter().map(|(knob, _)| with(&all_right, knob)));
         arms.push(everything);
         let mut points: Vec<(Configuration, f64)> = Vec::new();
         for (configuration, time_ratio) in arms {
