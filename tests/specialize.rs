@@ -8,8 +8,10 @@ use std::fs;
 
 use common::{device, gallery, own_scene, project_file, render_on, scene_from};
 use rayon::prelude::*;
-use raywave::render::{Footprint, Outcome, PreparedScene, Scheduler, Settings, ShadowRays, feature_costs};
-use raywave::scene::{Integrator, Scene};
+use raywave::render::{
+    Footprint, Outcome, PreparedScene, RouletteMode, Scheduler, Settings, ShadowRays, feature_costs,
+};
+use raywave::scene::{Integrator, Sampler, Scene};
 
 /// Every scene of `scenes/` and a small gallery.
 fn all_scenes() -> Vec<Scene> {
@@ -33,8 +35,13 @@ fn kernels_for_any_scene_give_the_same_bits() {
         let wavefront = Settings { scheduler: Some(Scheduler::Wavefront), ..own };
         let explicit = Settings { integrator: Integrator::Explicit, ..wavefront };
         let bounce = Settings { scheduler: Some(Scheduler::Bounce), ..explicit };
+        let mis = Settings { integrator: Integrator::Mis, ..bounce };
+        let throughput = Settings { roulette_mode: RouletteMode::Throughput, roulette_from: 0, ..mis };
         [
             explicit,
+            mis,
+            Settings { sampler: Sampler::Independent, ..throughput },
+            Settings { scheduler: Some(Scheduler::Megakernel), clamp: Some(0.1), ..throughput },
             Settings { integrator: Integrator::Implicit, ..wavefront },
             bounce,
             Settings { shadow_rays: ShadowRays::AtOnce, ..bounce },

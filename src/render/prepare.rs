@@ -286,7 +286,14 @@ impl PreparedScene {
     /// The uniform block of a render with `path_capacity` slots.
     pub fn frame(&self, settings: &Settings, path_capacity: u32) -> Frame {
         let aspect = settings.width as f32 / settings.height as f32;
+        // The BRDF's own samples find a constant sky as well as light samples do, which are for the lamps then.
+        let found_anyway = settings.integrator == Integrator::Mis && self.features.environment == ENVIRONMENT_CONSTANT;
+        let sky_probability = match self.frame.sky_probability {
+            both if found_anyway && both < 1.0 => both.min(0.125),
+            shared => shared,
+        };
         Frame {
+            sky_probability,
             // Until here, right is as long as up.
             camera_right: self.frame.camera_right.map(|c| c * aspect),
             roulette: settings.roulette as f32,
@@ -502,15 +509,15 @@ impl Lamps {
     }
 }
 
-/// Probability that a light sample goes to the sky: its share of the power that the scene receives, as if
-/// nothing stood between, though lamps and sky get a tenth at least. `size` is that of the scene's bounds.
+/// Probability that a light sample goes to the sky: its share of the power that the scene receives, were
+/// half of the sky hidden, though lamps and sky get a tenth at least. `size` is that of the scene's bounds.
 fn sky_probability(features: Features, lamps: &Lamps, sky: &Sky, size: DVec3) -> f32 {
     let shines = features.environment != ENVIRONMENT_BLACK;
     if !shines || lamps.cells.is_empty() {
         return if shines { 1.0 } else { 0.0 };
     }
     // The sky sends its light through the disk of the sphere about the bounds.
-    let received = sky.power * PI * 0.25 * size.length_squared();
+    let received = 0.5 * sky.power * PI * 0.25 * size.length_squared();
     let share = (received / (received + lamps.power)).clamp(0.1, 0.9);
     // Exact in the 24 bits of a random number.
     ((share * 256.0).round() / 256.0) as f32

@@ -107,7 +107,7 @@ impl Default for RenderDefaults {
             samples: 64,
             max_bounces: Some(8),
             roulette: 0.0,
-            sampler: Sampler::Independent,
+            sampler: Sampler::Sobol,
         }
     }
 }

@@ -5,6 +5,7 @@ pub mod meshes;
 pub mod optics;
 pub mod probe;
 pub mod reference_path;
+pub mod sobol;
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
