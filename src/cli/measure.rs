@@ -20,8 +20,7 @@ use crate::gpu::{Device, DeviceKind};
 use crate::layout::WorkCount;
 use crate::render::{
     Fetch, Offsets, Outcome, PathState, PrepareError, PreparedScene, RouletteMode, Scheduler, Session, SessionOptions,
-    Settings,
-    ShadowRays, Sort,
+    Settings, ShadowRays, Sort,
 };
 use crate::scene::{Integrator, Sampler, Scene};
 use crate::studies::{

@@ -22,6 +22,9 @@ pub struct PictureArguments {
     /// Samples per pixel
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     samples: Option<u32>,
+    /// Settings from a measured front of error against time, where the command line does not say
+    #[arg(long, value_name = "NAME")]
+    quality: Option<QualityName>,
     /// Scattering events between camera and light; -1 is unbounded and needs a roulette
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(-1..=1_000_000))]
     max_bounces: Option<i64>,
@@ -104,6 +107,37 @@ pub enum Switch {
     /// It is
     On,
 }
+
+/// Points of the fronts that `raywave tradeoff` measured; see docs/studies.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum QualityName {
+    /// A few samples and bounces, for looking around; BIASED: light of later bounces is missing
+    Draft,
+    /// For looking at: no bias
+    Balanced,
+    /// For measuring against: no bias
+    Reference,
+}
+
+impl QualityName {
+    /// The scene's settings at this quality.
+    fn of(self, given: Settings) -> Settings {
+        let (integrator, sampler) = (Integrator::Mis, Sampler::Sobol);
+        let samples = match self {
+            Self::Draft => 4,
+            Self::Balanced => 64,
+            Self::Reference => 4096,
+        };
+        let max_bounces = match self {
+            Self::Draft => Some(given.max_bounces.map_or(DRAFT_BOUNCES, |bounces| bounces.min(DRAFT_BOUNCES))),
+            Self::Balanced | Self::Reference => given.max_bounces,
+        };
+        Settings { samples, integrator, sampler, max_bounces, ..given }
+    }
+}
+
+/// Bounces of a draft at most.
+const DRAFT_BOUNCES: u32 = 4;
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum IntegratorName {
@@ -201,7 +235,7 @@ impl PictureArguments {
     /// # Errors
     /// Settings that make no sense together.
     pub fn settings(&self, scene: &Scene) -> anyhow::Result<Settings> {
-        let given = Settings::of(scene);
+        let given = self.quality.map_or(Settings::of(scene), |quality| quality.of(Settings::of(scene)));
         let settings = Settings {
             width: self.width.unwrap_or(given.width),
             height: self.height.unwrap_or(given.height),
@@ -264,7 +298,7 @@ impl PictureArguments {
 
     /// Whether the command line says how many samples there are.
     pub fn has_samples(&self) -> bool {
-        self.samples.is_some()
+        self.samples.is_some() || self.quality.is_some()
     }
 
     /// Opens the device that is wanted, or the best one.

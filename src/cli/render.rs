@@ -19,8 +19,7 @@ use crate::scene::Scene;
 use super::devices::kind_name;
 use super::picture::{
     PictureArguments, bvh_name, fetch_name, integrator_name, offsets_name, path_state_name, roulette_mode_name,
-    sampler_name, scheduler_name,
-    shadow_rays_name, sort_name,
+    sampler_name, scheduler_name, shadow_rays_name, sort_name,
 };
 use super::tuning::{self, Tuning};
 use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
@@ -298,7 +297,9 @@ fn summarise(arguments: &RenderArguments, settings: &Settings, statistics: &Stat
         eprintln!("warning: the image is biased: indirect light is clamped at a radiance of {clamp}");
     }
     if settings.offsets == Offsets::Fixed {
-        eprintln!("warning: the image is biased: surfaces closer to each other than 1e-4 of the scene are not told apart");
+        eprintln!(
+            "warning: the image is biased: surfaces closer to each other than 1e-4 of the scene are not told apart"
+        );
     }
     if statistics.nonfinite_samples > 0 {
         eprintln!("warning: {} samples were NaN or infinite and are left out", statistics.nonfinite_samples);

@@ -98,7 +98,8 @@ pub fn run(
     let mut exports = Exports::open(files(arguments), arguments.exposure)?;
     let mut references = References::new(arguments.reference.as_deref(), arguments.reference_error, arguments.budget)?;
     let (mut renderer, provenance) = open(arguments)?;
-    let interrupted = stop_on_interrupt("ending after this render; the files keep what there is; Ctrl-C again gives it up")?;
+    let interrupted =
+        stop_on_interrupt("ending after this render; the files keep what there is; Ctrl-C again gives it up")?;
     let hidden = arguments.quiet || !std::io::stderr().is_terminal();
     let bar = if hidden { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
 

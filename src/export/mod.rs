@@ -9,8 +9,8 @@ mod error;
 pub mod heatmap;
 mod html;
 mod markdown;
-mod tradeoff;
 pub(crate) mod numbers;
+mod tradeoff;
 
 use std::path::{Path, PathBuf};
 

@@ -85,7 +85,14 @@ pub fn findings(report: &TradeoffReport) -> Vec<String> {
         findings.push(format!("free, less time to an equal error and no bias seen: {}", list(free)));
     }
     let traded: Vec<String> = of(Worth::Trade)
-        .map(|knob| format!("{} ({:.2}×, above relMSE {})", knob_label(knob), knob.cost_ratio.value, small(knob.pays_above.unwrap_or(0.0))))
+        .map(|knob| {
+            format!(
+                "{} ({:.2}×, above relMSE {})",
+                knob_label(knob),
+                knob.cost_ratio.value,
+                small(knob.pays_above.unwrap_or(0.0))
+            )
+        })
         .collect();
     if !traded.is_empty() {
         findings.push(format!("biased, and worth it for larger errors: {}", list(traded)));
@@ -222,11 +229,16 @@ fn markdown(document: &TradeoffDocument<'_>) -> String {
 fn points<'a>(heading: &str, report: &TradeoffReport, points: impl Iterator<Item = &'a PointReport>) -> String {
     let longest = report.points.iter().filter_map(|p| Some(p.seconds?.value)).fold(0.0, f64::max);
     let unit = Unit::of_time(longest);
-    let mut text = format!("\n### {heading}\n\n| point | samples | time, {} | relMSE | bias² | variance | mean error | efficiency |\n", unit.symbol);
+    let mut text = format!(
+        "\n### {heading}\n\n| point | samples | time, {} | relMSE | bias² | variance | mean error | efficiency |\n",
+        unit.symbol
+    );
     text += "| :-- | --: | --: | --: | --: | --: | --: | --: |\n";
     for point in points {
         let dash = || "–".to_owned();
-        let part = |of: fn(&Decomposition) -> &Estimate| point.rel_mse.as_ref().map_or_else(dash, |error| small_interval(of(error)));
+        let part = |of: fn(&Decomposition) -> &Estimate| {
+            point.rel_mse.as_ref().map_or_else(dash, |error| small_interval(of(error)))
+        };
         text += &format!(
             "| {} | {} | {} | {} | {} | {} | {} | {} |\n",
             escape(&point.label),

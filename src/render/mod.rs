@@ -25,6 +25,5 @@ pub use replay::{Replay, ReplayOutcome, distances};
 pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
 pub use settings::{
     Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Offsets, PathState, RouletteMode, Scheduler, Settings, SettingsError,
-    ShadowRays, Sort,
-    Traversal,
+    ShadowRays, Sort, Traversal,
 };

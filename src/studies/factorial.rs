@@ -251,7 +251,10 @@ impl Factor {
         let levels: Vec<String> = match (given, kind.levels) {
             (Some(given), _) => given.split(',').map(|level| level.trim().to_owned()).collect(),
             (None, Levels::Named(names)) => names.iter().map(|&name| name.to_owned()).collect(),
-            (None, Levels::Counts { default, .. } | Levels::Numbers { default, .. } | Levels::NumbersOrOff { default }) => default.iter().map(|&level| level.to_owned()).collect(),
+            (
+                None,
+                Levels::Counts { default, .. } | Levels::Numbers { default, .. } | Levels::NumbersOrOff { default },
+            ) => default.iter().map(|&level| level.to_owned()).collect(),
         };
         for (i, level) in levels.iter().enumerate() {
             kind.check(level)?;

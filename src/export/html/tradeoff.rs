@@ -21,7 +21,8 @@ impl Page {
         let images = images(report, &mut store);
         let uris = json!(store.uris).to_string().replace("</", "<\\/");
         let title = escape(&report.facts.scene);
-        let place: Vec<String> = [&provenance.device, &provenance.driver, &provenance.date].map(|text| escape(text)).to_vec();
+        let place: Vec<String> =
+            [&provenance.device, &provenance.driver, &provenance.date].map(|text| escape(text)).to_vec();
         let unfinished = if report.complete {
             ""
         } else {
@@ -65,7 +66,12 @@ fn curve_section(report: &TradeoffReport) -> String {
     if shown.is_empty() {
         return String::new();
     }
-    let entries = [("faster", "on the front"), ("noise", "one knob turned"), ("k3", "combined"), ("slower", "towards the target")];
+    let entries = [
+        ("faster", "on the front"),
+        ("noise", "one knob turned"),
+        ("k3", "combined"),
+        ("slower", "towards the target"),
+    ];
     let entries = entries.into_iter().map(|(class, name)| (class.to_owned(), name));
     format!(
         "<section id=\"curve\"><h2>Error against time</h2>\n<p>Each mark is a point of the sweep with its {:.0} % intervals; \
@@ -194,7 +200,8 @@ fn points(report: &TradeoffReport) -> String {
             Cell::number(estimate.map(|e| e.value), small).with_interval(bounds)
         };
         let part = |of: fn(&Decomposition) -> Estimate| small_cell(point.rel_mse.as_ref().map(of));
-        let name = point.failed.as_ref().map_or_else(|| point.label.clone(), |reason| format!("{}: {reason}", point.label));
+        let name =
+            point.failed.as_ref().map_or_else(|| point.label.clone(), |reason| format!("{}: {reason}", point.label));
         let cells = vec![
             Cell::text(&name),
             Cell::number(Some(f64::from(point.samples)), |v| v.to_string()),
@@ -207,7 +214,13 @@ fn points(report: &TradeoffReport) -> String {
             Cell::number(point.efficiency.map(|e| e.value), small),
             Cell::number(Some(point.runs.len() as f64), |v| v.to_string()),
         ];
-        let class = if point.failed.is_some() { "failed" } else if point.on_front { "baseline" } else { "" };
+        let class = if point.failed.is_some() {
+            "failed"
+        } else if point.on_front {
+            "baseline"
+        } else {
+            ""
+        };
         (class.to_owned(), cells)
     };
     let rows: Vec<_> = report.points.iter().map(row).collect();
@@ -229,7 +242,8 @@ fn images(report: &TradeoffReport, store: &mut Store<'_>) -> String {
         }
         let (left, right) = (store.add_image(reference), store.add_image(image));
         let (heat, low, high) = store.add_difference(image, reference);
-        let error = point.rel_mse.map_or_else(String::new, |error| format!(", relMSE {}", small_interval(&error.total)));
+        let error =
+            point.rel_mse.map_or_else(String::new, |error| format!(", relMSE {}", small_interval(&error.total)));
         let note = format!(
             "{}{error}; raywave render SCENE -o FILE {}. Heat map: relative squared error, {} (black) to {} (yellow)",
             seconds(time.value),
@@ -246,7 +260,11 @@ fn images(report: &TradeoffReport, store: &mut Store<'_>) -> String {
     }
     let size = (report.facts.width_pixels, report.facts.height_pixels);
     let figure = image_figure("One render of each point of the front", &options, size);
-    if figure.is_empty() { figure } else { format!("<section id=\"images\"><h2>Images along the front</h2>\n{figure}</section>\n") }
+    if figure.is_empty() {
+        figure
+    } else {
+        format!("<section id=\"images\"><h2>Images along the front</h2>\n<article>{figure}</article></section>\n")
+    }
 }
 
 fn provenance_section(document: &TradeoffDocument<'_>) -> String {

@@ -83,7 +83,8 @@ impl ReferenceSum {
         let n = self.renders as f64;
         let pixels = self.sum.iter().map(|sum| glam::DVec3::from_array(sum.map(|s| s / n)).as_vec3());
         let image = Image::new(self.width, self.height, pixels.collect());
-        let mut noise = ReferenceNoise { samples_per_pixel: samples * self.renders, renders: self.renders, ..Default::default() };
+        let mut noise =
+            ReferenceNoise { samples_per_pixel: samples * self.renders, renders: self.renders, ..Default::default() };
         let numbers = 3.0 * self.sum.len() as f64;
         for (sum, squares) in self.sum.iter().zip(&self.squares) {
             for channel in 0..3 {

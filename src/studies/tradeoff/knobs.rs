@@ -2,8 +2,8 @@
 
 use serde_json::{Map, Value};
 
-use crate::studies::factorial::{FACTORS, Levels};
 use crate::studies::Configuration;
+use crate::studies::factorial::{FACTORS, Levels};
 
 /// A setting that buys speed with error, or looks as if it might.
 #[derive(Debug, Clone, Copy)]
@@ -102,7 +102,9 @@ impl Knob {
     /// Every other level than the base's.
     pub fn other_levels(&self, base: &Base) -> Vec<String> {
         let own = base.level(self);
-        let same = |level: &String| *level == own || matches!((level.parse::<f64>(), own.parse::<f64>()), (Ok(a), Ok(b)) if a == b);
+        let same = |level: &String| {
+            *level == own || matches!((level.parse::<f64>(), own.parse::<f64>()), (Ok(a), Ok(b)) if a == b)
+        };
         (self.levels)(base).into_iter().filter(|level| !same(level)).collect()
     }
 }

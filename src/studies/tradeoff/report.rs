@@ -253,7 +253,11 @@ impl PointReport {
         self.image.get_or_insert_with(|| Arc::clone(&image));
         self.series.images.push(Arc::clone(&image));
         let own = [&*image, &*reference.image];
-        let row = self.series.images.iter().map(|other| departures::product(own, [other, &reference.image], &reference.image));
+        let row = self
+            .series
+            .images
+            .iter()
+            .map(|other| departures::product(own, [other, &reference.image], &reference.image));
         let (relative, absolute): (Vec<f64>, Vec<f64>) = row.unzip();
         self.nonfinite_samples += measurement.nonfinite_samples;
         self.runs.push(PointRun {
@@ -446,7 +450,8 @@ impl PointReport {
         let (time_ratio, cost_ratio) = (by_renders(common, bootstrap, time), by_renders(common, bootstrap, cost));
         let bias = Decomposition::of(&self.series.from_base, 0.0, 0.0, bootstrap)?;
         let mean = mean_radiance(&reference.image);
-        let shifts: Vec<f64> = (self.runs.iter().zip(&base.runs)).map(|(own, base)| (own.mean_error - base.mean_error) / mean).collect();
+        let shifts: Vec<f64> =
+            (self.runs.iter().zip(&base.runs)).map(|(own, base)| (own.mean_error - base.mean_error) / mean).collect();
         let mean_shift = bootstrap.estimate([&shifts], |[shifts]| crate::stats::mean(shifts));
         let mut knob = KnobReport {
             factor,

@@ -121,10 +121,12 @@ impl Sweep {
         keeper: &mut dyn ReferenceKeeper,
         listen: &'a mut SweepListener<'a>,
     ) -> Result<TradeoffReport, StudyError> {
-        let facts = renderer.open(&self.scene).map_err(|cause| StudyError::Scene { scene: self.scene.clone(), cause })?;
+        let facts =
+            renderer.open(&self.scene).map_err(|cause| StudyError::Scene { scene: self.scene.clone(), cause })?;
         let report = TradeoffReport::new(self, facts);
         let random = SplitMix64::new(self.seed);
-        let mut run = Run { sweep: self, renderer, listen, report, turned: Vec::new(), random, spent: 0.0, sample_seconds: 0.0 };
+        let mut run =
+            Run { sweep: self, renderer, listen, report, turned: Vec::new(), random, spent: 0.0, sample_seconds: 0.0 };
         let outcome = run.carry_out(keeper)?;
         run.report.complete = outcome.is_continue();
         run.report.analyse(&run.turned, self.target);
@@ -287,7 +289,8 @@ impl Run<'_> {
         let buys = |knob: &KnobReport| knob.time_to(wanted).filter(|ratio| *ratio < PROMISING);
         let best = |biased: bool| {
             let mut best: Vec<(&KnobReport, f64)> = Vec::new();
-            let promising = self.report.knobs.iter().filter(|knob| knob.worth != Worth::Never && knob.biased() == biased);
+            let promising =
+                self.report.knobs.iter().filter(|knob| knob.worth != Worth::Never && knob.biased() == biased);
             for (knob, ratio) in promising.filter_map(|knob| Some((knob, buys(knob)?))) {
                 match best.iter_mut().find(|(other, _)| other.factor == knob.factor) {
                     Some(other) if other.1 > ratio => *other = (knob, ratio),
@@ -315,7 +318,8 @@ impl Run<'_> {
                 let samples = (f64::from(self.report.base_samples) * step).round();
                 let configuration = configuration.with("samples", &samples.to_string());
                 // What was rendered as one knob is there already, in as many renders as it needs.
-                let known = self.report.point(&configuration).is_some() || points.iter().any(|(c, _)| *c == configuration);
+                let known =
+                    self.report.point(&configuration).is_some() || points.iter().any(|(c, _)| *c == configuration);
                 if samples >= 1.0 && !known {
                     points.push((configuration, samples * self.sample_seconds * time_ratio));
                 }
@@ -375,7 +379,8 @@ impl Run<'_> {
     }
 
     fn round(&mut self, round: usize, points: &[usize]) -> ControlFlow<()> {
-        let mut order: Vec<usize> = points.iter().copied().filter(|i| self.report.points[*i].failed.is_none()).collect();
+        let mut order: Vec<usize> =
+            points.iter().copied().filter(|i| self.report.points[*i].failed.is_none()).collect();
         shuffle(&mut order, &mut self.random);
         for i in order {
             let label = self.report.points[i].full_label();
