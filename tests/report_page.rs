@@ -26,7 +26,7 @@ use fake_renderer::{FakeRenderer, normal, study};
 /// A report with all that can be in one: two scenes, combinations that are faster, slower, within
 /// noise, of another estimator, wrong and failed, warnings, texts that need escapes.
 fn example() -> Report {
-    let mut study = study(&["scheduler=wavefront,megakernel,in-flight=16k,64k,1M,integrator"], 15);
+    let mut study = study(&["scheduler=wavefront,megakernel,in-flight=16k,64k,1M,integrator=explicit,implicit"], 15);
     study.bootstrap = Bootstrap { resamples: 1000, ..Bootstrap::default() };
     study.scenes = vec!["caustic".to_owned(), "glass".to_owned()];
     let mut renderer = FakeRenderer::new(|call, random| {
