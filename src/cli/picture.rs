@@ -35,8 +35,8 @@ pub struct PictureArguments {
     #[arg(long, value_name = "Q", allow_negative_numbers = true)]
     roulette: Option<f64>,
     /// How a roulette decides; the image stays the same up to noise
-    #[arg(long, value_name = "NAME", default_value = "constant")]
-    roulette_mode: RouletteModeName,
+    #[arg(long, value_name = "NAME")]
+    roulette_mode: Option<RouletteModeName>,
     /// First vertex at which a roulette by throughput may stop a path; 0 is what the camera sees
     #[arg(long, value_name = "VERTEX", default_value_t = Settings::ROULETTE_FROM)]
     roulette_from: u32,
@@ -132,7 +132,7 @@ impl QualityName {
             Self::Draft => Some(given.max_bounces.map_or(DRAFT_BOUNCES, |bounces| bounces.min(DRAFT_BOUNCES))),
             Self::Balanced | Self::Reference => given.max_bounces,
         };
-        Settings { samples, integrator, sampler, max_bounces, ..given }
+        Settings { samples, integrator, sampler, max_bounces, roulette_mode: RouletteMode::Throughput, ..given }
     }
 }
 
@@ -249,8 +249,9 @@ impl PictureArguments {
             max_bounces: self.max_bounces.map_or(given.max_bounces, |bounces| u32::try_from(bounces).ok()),
             roulette: self.roulette.unwrap_or(given.roulette),
             roulette_mode: match self.roulette_mode {
-                RouletteModeName::Constant => RouletteMode::Constant,
-                RouletteModeName::Throughput => RouletteMode::Throughput,
+                Some(RouletteModeName::Constant) => RouletteMode::Constant,
+                Some(RouletteModeName::Throughput) => RouletteMode::Throughput,
+                None => given.roulette_mode,
             },
             roulette_from: self.roulette_from,
             sampler: match self.sampler {
