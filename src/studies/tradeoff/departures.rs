@@ -3,8 +3,9 @@
 //! With D_k the difference of the k-th render and the reference, and ⟨D_k, D_l⟩ the mean of its product
 //! over pixels and channels, ⟨D_k, D_k⟩ is the k-th squared error. Noise of two renders is independent,
 //! so ⟨D_k, D_l⟩ of two different ones is the squared bias in expectation, and the squared error less
-//! that is the variance: unbiased estimates both, of as few renders as two. The reference's own noise is
-//! in all of the products; its variance is known and taken off.
+//! that is the variance: unbiased estimates both, of as few renders as two (U-statistics; Hoeffding, "A
+//! class of statistics with asymptotically normal distribution", 1948). The reference's own noise is in
+//! all of the products; its variance is known and taken off.
 
 use std::sync::Arc;
 
