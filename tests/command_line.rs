@@ -107,6 +107,13 @@ const REFUSED: &[(&str, &str)] = &[
     ("render -o a.png --roulette -0.1", "roulette -0.1 is not a probability"),
     ("render -o a.png --roulette nan", "roulette NaN is not a probability"),
     ("render -o a.png --roulette inf", "roulette inf is not a probability"),
+    ("render -o a.png --roulette-mode sometimes", "possible values: constant, throughput"),
+    ("render -o a.png --roulette-mode throughput --max-bounces -1", "unbounded paths never end without a roulette"),
+    ("render -o a.png --sampler halton", "possible values: independent, sobol"),
+    ("render -o a.png --clamp 0", "a clamp of 0 lets no light through"),
+    ("render -o a.png --clamp -1", "a clamp of -1 lets no light through"),
+    ("render -o a.png --clamp nan", "a clamp of NaN lets no light through"),
+    ("render -o a.png --clamp inf", "a clamp of inf lets no light through"),
     ("render -o a.png --seed -1", "-1"),
     ("render -o a.png --in-flight 0", "--in-flight <PATHS>"),
     ("render -o a.png --workgroup 0", "--workgroup <SIZE>"),
@@ -390,7 +397,9 @@ fn statistics_and_metadata_hold_every_setting() {
     let flags =
         ["--integrator", "implicit", "--max-bounces", "-1", "--roulette", "0.25", "--seed", "7", "--in-flight", "100"];
     let output = ["render", "-o", "box.exr", "--stats", "box.json", "--scheduler", "bounce"];
-    folder.succeed(&[&output, &TINY[..], &flags[..]].concat());
+    let estimator =
+        ["--sampler", "independent", "--roulette-mode", "throughput", "--roulette-from", "2", "--clamp", "1.5"];
+    folder.succeed(&[&output, &TINY[..], &flags[..], &estimator].concat());
 
     let json = fs::read_to_string(folder.path("box.json")).expect("the statistics are written");
     let statistics: Value = serde_json::from_str(&json).expect("the statistics are JSON");
@@ -418,6 +427,11 @@ fn statistics_and_metadata_hold_every_setting() {
         ("integrator", "implicit".into()),
         ("max_bounces", (-1).into()),
         ("roulette", 0.25.into()),
+        ("roulette_mode", "throughput".into()),
+        ("roulette_from_vertex", 2.into()),
+        ("sampler", "independent".into()),
+        ("clamp_radiance", 1.5.into()),
+        ("biased_by", ["clamp"].as_slice().into()),
         ("seed", 7.into()),
         ("paths_in_flight", 100.into()),
         ("scene", "cornell-box".into()),
