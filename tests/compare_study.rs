@@ -289,11 +289,8 @@ fn estimators_are_held_to_statistics() {
     rounded.pixels.iter_mut().for_each(|pixel| *pixel *= 1.0 + 3e-6);
     assert!(!judge(Contract::Statistics, &rounded, &reference).counts(), "more than rounding");
 
-    let design = Design::new(
-        Factor::parse_list("scheduler=wavefront,megakernel,integrator=explicit,implicit").expect("parses"),
-        None,
-    )
-    .expect("makes sense");
+    let design = Design::new(Factor::parse_list("scheduler=wavefront,megakernel,integrator").expect("parses"), None)
+        .expect("makes sense");
     let contracts: Vec<_> = design.combinations().iter().map(|c| design.contract(c)).collect();
     // The baseline's integrator, and two others, by each scheduler.
     assert_eq!(contracts, [Contract::Bits, Contract::Statistics, Contract::Statistics].repeat(2));
