@@ -341,7 +341,7 @@ fn a_plan_is_told_and_a_budget_is_kept() {
     assert_eq!(plans[0].stage, "reference");
     let rendered: f64 = report.points.iter().flat_map(|point| &point.runs).map(|run| run.wall_seconds).sum();
     assert!(rendered < 600.0, "{rendered} s");
-    assert!(report.points.iter().filter(|p| p.failed.is_none()).all(|point| point.runs.len() >= 4), "rounds enough");
+    assert!(report.points.iter().filter(|p| p.failed.is_none()).all(|point| point.runs.len() >= 6), "rounds enough");
     let seeds: Vec<Vec<u32>> = (report.points.iter().filter(|p| p.failed.is_none()))
         .map(|point| point.runs.iter().map(|run| run.seed).collect())
         .collect();

@@ -12,8 +12,8 @@ use crate::studies::{Configuration, Measurement, Purpose, Renderer, SceneFacts, 
 const REFERENCE_SHARE: f64 = 0.35;
 /// Share of the budget that goes to knobs, one at a time.
 const ONE_KNOB_SHARE: f64 = 0.35;
-/// Rounds of a stage in any case: a variance needs two and its interval more.
-const FEWEST_ROUNDS: usize = 4;
+/// Rounds of a stage in any case: an interval of 95 % needs six.
+const FEWEST_ROUNDS: usize = 6;
 /// Rounds that the samples of the base are chosen for.
 const WANTED_ROUNDS: usize = 8;
 /// Renders of a reference, at least: their scatter tells its noise.
@@ -26,6 +26,8 @@ const LADDER: [f64; 5] = [1.0 / 16.0, 0.25, 1.0, 4.0, 16.0];
 const FINER: f64 = 0.25;
 /// Time of the base's to an equal error below which a knob is worth a try with others.
 const PROMISING: f64 = 0.97;
+/// Time of the base's that it must surely be below for that.
+const HARDLY_WORSE: f64 = 1.1;
 /// Configurations that are taken on towards a wanted error.
 const CANDIDATES: usize = 3;
 
@@ -181,8 +183,8 @@ impl Run<'_> {
             return Ok(ControlFlow::Break(()));
         }
         let Some(target) = self.sweep.target else { return Ok(ControlFlow::Continue(())) };
-        let candidates = self.candidates(&base, target);
         let rest = self.sweep.budget_seconds - self.spent;
+        let candidates = self.candidates(&base, target, rest);
         if candidates.is_empty() {
             return Ok(ControlFlow::Continue(()));
         }
@@ -286,7 +288,9 @@ impl Run<'_> {
         let error = self.report.points[0].rel_mse.map_or(f64::INFINITY, |error| error.total.value);
         // What is biased must be worth it with more samples too.
         let wanted = self.sweep.target.unwrap_or(FINER * error);
-        let buys = |knob: &KnobReport| knob.time_to(wanted).filter(|ratio| *ratio < PROMISING);
+        let buys = |knob: &KnobReport| {
+            knob.time_to(wanted).filter(|ratio| *ratio < PROMISING && knob.cost_ratio.high < HARDLY_WORSE)
+        };
         let best = |biased: bool| {
             let mut best: Vec<(&KnobReport, f64)> = Vec::new();
             let promising =
@@ -335,11 +339,18 @@ impl Run<'_> {
         (first..self.report.points.len()).collect()
     }
 
-    /// Points at which those that seem to reach the wanted error soonest should reach it.
-    fn candidates(&mut self, base: &Base, target: f64) -> Vec<usize> {
+    /// Points at which those that seem to reach the wanted error soonest should reach it, as many as fit the
+    /// seconds. What is too long to be rendered is inferred.
+    fn candidates(&mut self, base: &Base, target: f64, seconds: f64) -> Vec<usize> {
         self.report.analyse(&self.turned, Some(target));
         let Some(answer) = &self.report.target else { return Vec::new() };
-        let wanted: Vec<Configuration> = answer.candidates.iter().take(CANDIDATES).cloned().collect();
+        let mut left = seconds;
+        let fits = |time: &f64| {
+            left -= FEWEST_ROUNDS as f64 * time;
+            left >= 0.0
+        };
+        let fitting = answer.arms.iter().map(|(_, time)| *time).take_while(fits).count().min(CANDIDATES);
+        let wanted: Vec<Configuration> = answer.candidates[..fitting].to_vec();
         let first = self.report.points.len();
         for configuration in wanted {
             if self.report.point(&configuration).is_none() {
