@@ -148,8 +148,12 @@ shared_constants! {
     SPEC_ROULETTE_BY_THROUGHPUT = 25;
     /// Whether indirect light is clamped.
     SPEC_CLAMPS = 26;
+    /// Whether what a path carries is kept in halves.
+    SPEC_HALF_STATE = 27;
+    /// Whether rays leave surfaces by a fixed offset.
+    SPEC_FIXED_OFFSETS = 28;
     /// Specialization constants that every kernel knows.
-    SPEC_COUNT = 27;
+    SPEC_COUNT = 29;
     /// The first of nine constants a triangle of the list, its vertices.
     SPEC_LISTED_TRIANGLES = 64;
 }

@@ -134,7 +134,7 @@ fn first_renders_are_reported_apart_and_counted_ones_are_not_timed() {
     let mut renderer = FakeRenderer::new(|call, _| match call.purpose {
         Purpose::First => 10.0,
         Purpose::Counting => 99.0,
-        Purpose::Timed => 1.0,
+        Purpose::Timed | Purpose::Seeded(_) => 1.0,
     });
     let report = run(&study(&["scheduler=wavefront,megakernel"], 6), &mut renderer);
     for combination in &report.scenes[0].combinations {

@@ -10,9 +10,11 @@ mod dump_rays;
 mod info;
 mod measure;
 mod picture;
+mod reference;
 mod render;
 mod replay;
 mod start_up;
+pub mod tradeoff;
 mod tune;
 mod tuning;
 
@@ -46,6 +48,7 @@ enum Command {
     Info(info::InfoArguments),
     Diff(diff::DiffArguments),
     Compare(Box<compare::CompareArguments>),
+    Tradeoff(Box<tradeoff::TradeoffArguments>),
     StartUp(start_up::StartUpArguments),
     #[command(hide = true)]
     FirstSample(start_up::FirstSampleArguments),
@@ -90,6 +93,11 @@ pub fn main() -> ExitCode {
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments, |arguments| {
             let renderer = measure::DeviceRenderer::new(&arguments.picture, arguments.start_ups, arguments.quiet)?;
+            let provenance = Provenance { clocks: arguments.clocks.clone(), ..renderer.sign(compare::provenance()) };
+            Ok((Box::new(renderer), provenance))
+        }),
+        Command::Tradeoff(arguments) => tradeoff::run(&arguments, |arguments| {
+            let renderer = measure::DeviceRenderer::new(&arguments.picture, 0, arguments.quiet)?;
             let provenance = Provenance { clocks: arguments.clocks.clone(), ..renderer.sign(compare::provenance()) };
             Ok((Box::new(renderer), provenance))
         }),

@@ -5,7 +5,9 @@ use clap::ValueEnum;
 use super::open_device;
 use crate::bvh::BvhKind;
 use crate::gpu::Device;
-use crate::render::{Fetch, MAX_MATERIAL_BRANCHES, RouletteMode, Scheduler, Settings, ShadowRays, Sort};
+use crate::render::{
+    Fetch, MAX_MATERIAL_BRANCHES, Offsets, PathState, RouletteMode, Scheduler, Settings, ShadowRays, Sort,
+};
 use crate::scene::{Integrator, Sampler, Scene};
 
 /// Arguments that say what a pixel is, in place of what the scene says.
@@ -20,6 +22,9 @@ pub struct PictureArguments {
     /// Samples per pixel
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     samples: Option<u32>,
+    /// Settings from a measured front of error against time, where the command line does not say
+    #[arg(long, value_name = "NAME")]
+    quality: Option<QualityName>,
     /// Scattering events between camera and light; -1 is unbounded and needs a roulette
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(-1..=1_000_000))]
     max_bounces: Option<i64>,
@@ -30,8 +35,8 @@ pub struct PictureArguments {
     #[arg(long, value_name = "Q", allow_negative_numbers = true)]
     roulette: Option<f64>,
     /// How a roulette decides; the image stays the same up to noise
-    #[arg(long, value_name = "NAME", default_value = "constant")]
-    roulette_mode: RouletteModeName,
+    #[arg(long, value_name = "NAME")]
+    roulette_mode: Option<RouletteModeName>,
     /// First vertex at which a roulette by throughput may stop a path; 0 is what the camera sees
     #[arg(long, value_name = "VERTEX", default_value_t = Settings::ROULETTE_FROM)]
     roulette_from: u32,
@@ -80,6 +85,12 @@ pub struct PictureArguments {
     /// Paths that an invocation of the megakernel follows one after the other; above 1 no path waits for its subgroup's longest
     #[arg(long, value_name = "PATHS", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     paths_per_invocation: Option<u32>,
+    /// How exactly the state of a path is kept between its vertices
+    #[arg(long, value_name = "NAME", default_value = "f32")]
+    path_state: PathStateName,
+    /// How rays are kept from hitting the surface that they leave
+    #[arg(long, value_name = "NAME", default_value = "robust")]
+    offsets: OffsetsName,
     /// Let the driver fuse and reorder arithmetic: images are no longer equal to the last bit
     #[arg(long)]
     fast_math: bool,
@@ -96,6 +107,37 @@ pub enum Switch {
     /// It is
     On,
 }
+
+/// Points of the fronts that `raywave tradeoff` measured; see docs/studies.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum QualityName {
+    /// A few samples and bounces, for looking around; BIASED: light of later bounces is missing
+    Draft,
+    /// For looking at: no bias
+    Balanced,
+    /// For measuring against: no bias
+    Reference,
+}
+
+impl QualityName {
+    /// The scene's settings at this quality.
+    fn of(self, given: Settings) -> Settings {
+        let (integrator, sampler) = (Integrator::Mis, Sampler::Sobol);
+        let samples = match self {
+            Self::Draft => 4,
+            Self::Balanced => 64,
+            Self::Reference => 4096,
+        };
+        let max_bounces = match self {
+            Self::Draft => Some(given.max_bounces.map_or(DRAFT_BOUNCES, |bounces| bounces.min(DRAFT_BOUNCES))),
+            Self::Balanced | Self::Reference => given.max_bounces,
+        };
+        Settings { samples, integrator, sampler, max_bounces, roulette_mode: RouletteMode::Throughput, ..given }
+    }
+}
+
+/// Bounces of a draft at most.
+const DRAFT_BOUNCES: u32 = 4;
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum IntegratorName {
@@ -171,13 +213,29 @@ enum ShadowRaysName {
     AtOnce,
 }
 
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum PathStateName {
+    /// In floats
+    F32,
+    /// Throughput in halves, rounded at random, and directions in 48 bits: less memory, the same image in expectation
+    F16,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum OffsetsName {
+    /// By a bound of the rounding error, and the triangle is remembered
+    Robust,
+    /// By 1e-4 of the scene; BIASED where surfaces are closer than that
+    Fixed,
+}
+
 impl PictureArguments {
     /// The scene's settings, with what the command line says instead.
     ///
     /// # Errors
     /// Settings that make no sense together.
     pub fn settings(&self, scene: &Scene) -> anyhow::Result<Settings> {
-        let given = Settings::of(scene);
+        let given = self.quality.map_or(Settings::of(scene), |quality| quality.of(Settings::of(scene)));
         let settings = Settings {
             width: self.width.unwrap_or(given.width),
             height: self.height.unwrap_or(given.height),
@@ -191,8 +249,9 @@ impl PictureArguments {
             max_bounces: self.max_bounces.map_or(given.max_bounces, |bounces| u32::try_from(bounces).ok()),
             roulette: self.roulette.unwrap_or(given.roulette),
             roulette_mode: match self.roulette_mode {
-                RouletteModeName::Constant => RouletteMode::Constant,
-                RouletteModeName::Throughput => RouletteMode::Throughput,
+                Some(RouletteModeName::Constant) => RouletteMode::Constant,
+                Some(RouletteModeName::Throughput) => RouletteMode::Throughput,
+                None => given.roulette_mode,
             },
             roulette_from: self.roulette_from,
             sampler: match self.sampler {
@@ -221,6 +280,14 @@ impl PictureArguments {
                 ShadowRaysName::AtOnce => ShadowRays::AtOnce,
             },
             paths_per_invocation: self.paths_per_invocation,
+            path_state: match self.path_state {
+                PathStateName::F32 => PathState::F32,
+                PathStateName::F16 => PathState::F16,
+            },
+            offsets: match self.offsets {
+                OffsetsName::Robust => Offsets::Robust,
+                OffsetsName::Fixed => Offsets::Fixed,
+            },
             fast_math: self.fast_math,
             fetch: self.fetch.map(Into::into),
             tuned: false,
@@ -228,6 +295,11 @@ impl PictureArguments {
         };
         settings.validate()?;
         Ok(settings)
+    }
+
+    /// Whether the command line says how many samples there are.
+    pub fn has_samples(&self) -> bool {
+        self.samples.is_some() || self.quality.is_some()
     }
 
     /// Opens the device that is wanted, or the best one.
@@ -309,6 +381,22 @@ pub fn fetch_name(fetch: Fetch) -> &'static str {
     match fetch {
         Fetch::Texel => "texel",
         Fetch::Storage => "storage",
+    }
+}
+
+/// Name of how exactly path state is kept, as the command line has it.
+pub fn path_state_name(path_state: PathState) -> &'static str {
+    match path_state {
+        PathState::F32 => "f32",
+        PathState::F16 => "f16",
+    }
+}
+
+/// Name of a way to leave surfaces, as the command line has it.
+pub fn offsets_name(offsets: Offsets) -> &'static str {
+    match offsets {
+        Offsets::Robust => "robust",
+        Offsets::Fixed => "fixed",
     }
 }
 

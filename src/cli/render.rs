@@ -13,13 +13,13 @@ use serde_json::{Map, Value, json};
 use crate::export::plain;
 use crate::film::{Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
 use crate::gpu::DeviceDescription;
-use crate::render::{Fetch, PreparedScene, Progress, Session, Settings, Statistics};
+use crate::render::{Fetch, Offsets, PreparedScene, Progress, Session, Settings, Statistics};
 use crate::scene::Scene;
 
 use super::devices::kind_name;
 use super::picture::{
-    PictureArguments, bvh_name, fetch_name, integrator_name, roulette_mode_name, sampler_name, scheduler_name,
-    shadow_rays_name, sort_name,
+    PictureArguments, bvh_name, fetch_name, integrator_name, offsets_name, path_state_name, roulette_mode_name,
+    sampler_name, scheduler_name, shadow_rays_name, sort_name,
 };
 use super::tuning::{self, Tuning};
 use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
@@ -176,6 +176,8 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "sort": sort_name(settings.sort),
         "shadow_rays": shadow_rays_name(settings.shadow_rays),
         "paths_per_invocation": statistics.paths_per_invocation,
+        "path_state": path_state_name(settings.path_state),
+        "offsets": offsets_name(settings.offsets),
         "fast_math": settings.fast_math,
         "specialize": settings.specialize,
         "paths_in_flight": statistics.paths_in_flight,
@@ -293,6 +295,11 @@ fn summarise(arguments: &RenderArguments, settings: &Settings, statistics: &Stat
     );
     if let Some(clamp) = settings.clamp {
         eprintln!("warning: the image is biased: indirect light is clamped at a radiance of {clamp}");
+    }
+    if settings.offsets == Offsets::Fixed {
+        eprintln!(
+            "warning: the image is biased: surfaces closer to each other than 1e-4 of the scene are not told apart"
+        );
     }
     if statistics.nonfinite_samples > 0 {
         eprintln!("warning: {} samples were NaN or infinite and are left out", statistics.nonfinite_samples);

@@ -191,7 +191,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{RouletteMode, ShadowRays, Sort};
+    use crate::render::{Offsets, PathState, RouletteMode, ShadowRays, Sort};
     use crate::scene::{Integrator, Sampler};
     use proptest::prelude::*;
 
@@ -226,6 +226,8 @@ mod tests {
             sort: Sort::None,
             shadow_rays: ShadowRays::Deferred,
             paths_per_invocation: None,
+            path_state: PathState::F32,
+            offsets: Offsets::Robust,
             fast_math: false,
             fetch: None,
             tuned: false,

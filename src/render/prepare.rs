@@ -7,7 +7,7 @@ use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
 use super::plan::Plan;
-use super::settings::{RouletteMode, Settings, ShadowRays, Sort};
+use super::settings::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
 use crate::alias::alias_table;
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
@@ -400,6 +400,8 @@ impl Needs {
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
             (SPEC_DEFERS_SHADOW_RAYS, (settings.shadow_rays == ShadowRays::Deferred).into()),
+            (SPEC_HALF_STATE, (settings.path_state == PathState::F16).into()),
+            (SPEC_FIXED_OFFSETS, (settings.offsets == Offsets::Fixed).into()),
             (SPEC_BVH_WIDTH, bvh.width()),
             (SPEC_SOBOL, (settings.sampler == Sampler::Sobol).into()),
             (SPEC_ROULETTE_BY_THROUGHPUT, (settings.roulette_mode == RouletteMode::Throughput).into()),

@@ -86,6 +86,10 @@ pub struct Settings {
     /// it takes a new path as soon as one has ended, and none waits for its subgroup's longest.
     /// `None` leaves it to the device.
     pub paths_per_invocation: Option<u32>,
+    /// How exactly the state of a path is kept between its vertices.
+    pub path_state: PathState,
+    /// How rays are kept from hitting the surface that they leave.
+    pub offsets: Offsets,
     /// Whether the driver may fuse and reorder arithmetic. The image is then no longer the same to
     /// the last bit between schedulers.
     pub fast_math: bool,
@@ -97,6 +101,25 @@ pub struct Settings {
     /// Whether kernels and buffers are for this scene alone. Without, they are for any, and the image
     /// is the same.
     pub specialize: bool,
+}
+
+/// How exactly the state of a path is kept between its vertices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum PathState {
+    /// As it was computed, in floats.
+    F32,
+    /// Throughput in halves, rounded at random so that the image is the same in expectation, and
+    /// directions in 48 bits. A throughput above 65,504 is cut to it.
+    F16,
+}
+
+/// How rays are kept from hitting the surface that they leave.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Offsets {
+    /// They begin as far off it as rounding can err there, and remember its triangle.
+    Robust,
+    /// They begin 10⁻⁴ normalised lengths off it. What is nearer than that is not seen.
+    Fixed,
 }
 
 /// How a roulette decides. Either way the image stays the same in expectation.
@@ -196,6 +219,8 @@ impl Settings {
             sort: Sort::None,
             shadow_rays: ShadowRays::Deferred,
             paths_per_invocation: None,
+            path_state: PathState::F32,
+            offsets: Offsets::Robust,
             fast_math: false,
             fetch: None,
             tuned: false,
@@ -234,7 +259,8 @@ impl Settings {
     /// The settings that make the image another one in expectation, by name; none where it is right.
     pub fn biased_by(&self) -> Vec<&'static str> {
         let clamp = self.clamp.map(|_| "clamp");
-        clamp.into_iter().collect()
+        let offsets = (self.offsets == Offsets::Fixed).then_some("offsets");
+        clamp.into_iter().chain(offsets).collect()
     }
 
     /// Whether they make sense together.

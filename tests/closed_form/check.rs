@@ -3,7 +3,7 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{RouletteMode, Settings, ShadowRays, Sort};
+use raywave::render::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
 use raywave::scene::Integrator::{self, Explicit, Implicit, Mis};
 use raywave::scene::Sampler;
 use raywave::stats::{sidak_level, z_test};
@@ -49,6 +49,8 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         sort: Sort::None,
         shadow_rays: ShadowRays::Deferred,
         paths_per_invocation: None,
+        path_state: PathState::F32,
+        offsets: Offsets::Robust,
         fast_math: false,
         fetch: None,
         tuned: false,
