@@ -17,7 +17,7 @@ layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 void main() {
     uint slots = batch.pixel_count * batch.sample_count;
     uint slot = gl_GlobalInvocationID.x;
-    Path path = begin_path(pixel_of(slot), sample_of(slot));
+    Path path = kept(begin_path(pixel_of(slot), sample_of(slot)));
     vec3 radiance = vec3(0.0);
     uint bounce_rays = 0u;
     uint shadow_rays = 0u;
@@ -29,6 +29,7 @@ void main() {
         count_item(STAGE_EXTEND, path.bounce);
         uint bounce = path.bounce;
         Vertex vertex = shade_vertex(path, hit);
+        path = kept(path);
         count_vertex();
         count_item(STAGE_SHADE, bounce);
         radiance += vertex.emission;
@@ -52,7 +53,7 @@ void main() {
             if (REGENERATES) {
                 slot += gl_WorkGroupSize.x * gl_NumWorkGroups.x;
                 live = slot < slots;
-                path = begin_path(pixel_of(slot), sample_of(slot));
+                path = kept(begin_path(pixel_of(slot), sample_of(slot)));
                 radiance = vec3(0.0);
             }
             ends = false;

@@ -29,7 +29,7 @@ void main() {
         FilmPixel pixel = film.pixels[batch.film_pixel + index];
         bool spoilt = false;
         for (uint i = 0u; i < batch.sample_count; i++) {
-            vec3 radiance = radiances.rgb[i * batch.pixel_count + index].rgb;
+            vec3 radiance = radiances.rgb[index * batch.sample_count + i].rgb;
             bool finite = is_finite(radiance);
             spoilt = spoilt || !finite;
             radiance = finite ? radiance : vec3(0.0);
@@ -40,7 +40,7 @@ void main() {
 
         // Tell which samples were left out. The others pay nothing for it.
         for (uint i = 0u; spoilt && i < batch.sample_count; i++) {
-            if (!is_finite(radiances.rgb[i * batch.pixel_count + index].rgb)) {
+            if (!is_finite(radiances.rgb[index * batch.sample_count + i].rgb)) {
                 uint place = atomicAdd(control.nonfinite_samples, 1u);
                 if (place < TRACED_SAMPLES) {
                     control.traced_samples[place] = uvec2(batch.first_pixel + index, batch.first_sample + i);

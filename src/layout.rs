@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::constants::{MATERIAL_BINS, TRACED_SAMPLES};
 
-/// What is uniform over a render. 124 bytes of a std140 block.
+/// What is uniform over a render. 132 bytes of a std140 block.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[allow(missing_docs, reason = "each field is described at its GLSL twin")]
@@ -26,11 +26,13 @@ pub struct Frame {
     pub width: u32,
     pub height: u32,
     pub light_count: u32,
-    pub light_area: f32,
+    pub sky_probability: f32,
     pub environment_width: u32,
     pub environment_height: u32,
     pub path_capacity: u32,
     pub environment: u32,
+    pub radiance_clamp: f32,
+    pub roulette_from: u32,
     pub camera_distance: f32,
 }
 
@@ -74,8 +76,9 @@ pub struct Triangle {
     pub material: u32,
     /// Third vertex.
     pub v2: [f32; 3],
-    /// Not used.
-    pub unused: u32,
+    /// Its area over the probability that a light sample among lamps picks it, normalised units
+    /// squared; 0 where it emits nothing.
+    pub light_area: f32,
 }
 
 /// Material. 64 bytes, 4 texels.
@@ -100,7 +103,7 @@ pub struct Material {
     pub map_kd: u32,
 }
 
-/// Emitting triangle, a cell of the alias table over area. 16 bytes, 1 texel.
+/// Emitting triangle, a cell of the alias table. 16 bytes, 1 texel.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Light {

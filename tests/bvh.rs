@@ -17,7 +17,7 @@ type Corners = [Vec3; 3];
 fn triangles_of(bvh: &Bvh, corners: &[Corners]) -> Vec<Triangle> {
     let triangle = |&original: &u32| {
         let [v0, v1, v2] = corners[original as usize].map(|v| v.to_array());
-        Triangle { v0, original, v1, material: 0, v2, unused: 0 }
+        Triangle { v0, original, v1, material: 0, v2, light_area: 0.0 }
     };
     bvh.order.iter().map(triangle).collect()
 }

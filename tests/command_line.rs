@@ -102,11 +102,18 @@ const REFUSED: &[(&str, &str)] = &[
     ("render -o a.png --width 1 --height 1 --samples 1000000000", "1000000000 samples per pixel"),
     ("render -o a.png --max-bounces -2", "-2 is not in -1..=1000000"),
     ("render -o a.png --max-bounces -1", "unbounded paths never end without a roulette"),
-    ("render -o a.png --integrator magic", "possible values: implicit, explicit"),
+    ("render -o a.png --integrator magic", "possible values: implicit, explicit, mis"),
     ("render -o a.png --roulette 1", "roulette 1 is not a probability"),
     ("render -o a.png --roulette -0.1", "roulette -0.1 is not a probability"),
     ("render -o a.png --roulette nan", "roulette NaN is not a probability"),
     ("render -o a.png --roulette inf", "roulette inf is not a probability"),
+    ("render -o a.png --roulette-mode sometimes", "possible values: constant, throughput"),
+    ("render -o a.png --roulette-mode throughput --max-bounces -1", "unbounded paths never end without a roulette"),
+    ("render -o a.png --sampler halton", "possible values: independent, sobol"),
+    ("render -o a.png --clamp 0", "a clamp of 0 lets no light through"),
+    ("render -o a.png --clamp -1", "a clamp of -1 lets no light through"),
+    ("render -o a.png --clamp nan", "a clamp of NaN lets no light through"),
+    ("render -o a.png --clamp inf", "a clamp of inf lets no light through"),
     ("render -o a.png --seed -1", "-1"),
     ("render -o a.png --in-flight 0", "--in-flight <PATHS>"),
     ("render -o a.png --workgroup 0", "--workgroup <SIZE>"),
@@ -119,6 +126,16 @@ const REFUSED: &[(&str, &str)] = &[
     ("compare --until 3%% --html page.html", "--until <SHARE>"),
     ("compare --html missing/page.html", "missing"),
     ("compare missing.toml --rounds 1", "missing.toml"),
+    ("compare --vary roulette=1", "use a number from 0 up to, not including, 1"),
+    ("compare --vary clamp=-1", "use a number above 0, or off"),
+    ("tradeoff --budget soon", "it is not a time such as 90s, 10m or 1h"),
+    ("tradeoff --target-error 0", "it is not a number above 0"),
+    ("tradeoff --html missing/page.html", "missing"),
+    ("tradeoff missing.toml", "missing.toml"),
+    ("tradeoff --reference missing.exr", "missing.exr"),
+    ("tradeoff --reference folder.png", "folder.png"),
+    ("render -o a.png --path-state f8", "possible values: f32, f16"),
+    ("render -o a.png --offsets magic", "possible values: robust, fixed"),
     ("start-up --rounds 0", "--rounds <N>"),
     ("start-up missing.toml", "missing.toml: cannot read"),
     ("start-up --device abacus", "no device is called or numbered 'abacus'"),
@@ -380,7 +397,9 @@ fn statistics_and_metadata_hold_every_setting() {
     let flags =
         ["--integrator", "implicit", "--max-bounces", "-1", "--roulette", "0.25", "--seed", "7", "--in-flight", "100"];
     let output = ["render", "-o", "box.exr", "--stats", "box.json", "--scheduler", "bounce"];
-    folder.succeed(&[&output, &TINY[..], &flags[..]].concat());
+    let estimator =
+        ["--sampler", "independent", "--roulette-mode", "throughput", "--roulette-from", "2", "--clamp", "1.5"];
+    folder.succeed(&[&output, &TINY[..], &flags[..], &estimator].concat());
 
     let json = fs::read_to_string(folder.path("box.json")).expect("the statistics are written");
     let statistics: Value = serde_json::from_str(&json).expect("the statistics are JSON");
@@ -408,6 +427,11 @@ fn statistics_and_metadata_hold_every_setting() {
         ("integrator", "implicit".into()),
         ("max_bounces", (-1).into()),
         ("roulette", 0.25.into()),
+        ("roulette_mode", "throughput".into()),
+        ("roulette_from_vertex", 2.into()),
+        ("sampler", "independent".into()),
+        ("clamp_radiance", 1.5.into()),
+        ("biased_by", ["clamp"].as_slice().into()),
         ("seed", 7.into()),
         ("paths_in_flight", 100.into()),
         ("scene", "cornell-box".into()),
@@ -774,4 +798,46 @@ fn a_scene_over_the_limits_of_the_device_is_refused() {
     let RenderError::Gpu(GpuError::BufferTooLarge { buffer, needed, allowed, .. }) = error else { panic!("{error}") };
     assert_eq!((buffer, needed), ("textures", 8 * texels));
     assert!(allowed < needed);
+}
+
+#[test]
+fn a_tradeoff_keeps_its_reference() {
+    let folder = Folder::new();
+    folder.scene("lamp", CAMERA, "v -1 -1 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n");
+    let home = folder.0.path().as_os_str();
+    let run = |more: &[&str]| {
+        let size = ["--width", "8", "--height", "8", "--samples", "1", "--max-bounces", "1", "--budget", "1s"];
+        let arguments = [&["tradeoff", "lamp.toml", "--json", "a.json"][..], &size, more].concat();
+        let output = folder
+            .command(&arguments)
+            .env_remove("RAYWAVE_CACHE")
+            .env("XDG_CACHE_HOME", home)
+            .output()
+            .expect("the program starts");
+        (output.status.success(), text(&output.stdout), text(&output.stderr))
+    };
+    let (well, markdown, plan) = run(&["--target-error", "0.1", "--quiet"]);
+    assert!(well && markdown.contains("### The front") && plan.is_empty(), "{markdown} {plan}");
+    let json: Value =
+        serde_json::from_slice(&fs::read(folder.path("a.json")).expect("it is written")).expect("it is JSON");
+    assert!(json["complete"] == true && json["points"].as_array().is_some_and(|points| points.len() > 10));
+    let failed: Vec<_> = json["points"].as_array().expect("points").iter().filter(|p| !p["failed"].is_null()).collect();
+    assert!(failed.is_empty(), "{failed:?}");
+    let kept: Vec<_> = fs::read_dir(folder.path("raywave"))
+        .expect("there is a folder of caches")
+        .map(|entry| entry.expect("its entries are readable").file_name().to_string_lossy().into_owned())
+        .filter(|name| name.ends_with(".reference.exr"))
+        .collect();
+    assert_eq!(kept.len(), 1, "{kept:?}");
+    let (well, markdown, plan) = run(&["--rounds", "4"]);
+    assert!(well && markdown.contains(&kept[0]) && !plan.contains("reference:"), "{markdown} {plan}");
+    assert!(plan.contains("one knob at a time: ") && plan.contains("path-state f16, 1 samples"), "{plan}");
+
+    fs::write(folder.path("image.exr"), {
+        let image = Image::new(2, 2, vec![glam::Vec3::ONE; 4]);
+        image_bytes(Path::new("image.exr"), &image, &WriteOptions::default()).expect("an image")
+    })
+    .expect("it is written");
+    let (well, _, error) = run(&["--reference", "image.exr"]);
+    assert!(!well && error.contains("2 x 2 pixels and the render 8 x 8; render both at one size"), "{error}");
 }

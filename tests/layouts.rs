@@ -51,11 +51,13 @@ fn blocks() -> BTreeMap<&'static str, (usize, Vec<Field>)> {
                     width,
                     height,
                     light_count,
-                    light_area,
+                    sky_probability,
                     environment_width,
                     environment_height,
                     path_capacity,
                     environment,
+                    radiance_clamp,
+                    roulette_from,
                     camera_distance,
                 }),
             ),
@@ -217,7 +219,7 @@ fn triangles_materials_normals_and_texels_are_read_as_they_are_written() {
             let v0 @ [x, y, z] = fresh.next();
             // Each looks along +z, and has a place of its own in the scene's order.
             let [v1, v2] = [[x + 0.5, y, z], [x, y + 0.75, z]];
-            Triangle { v0, original: COUNT - 1 - i, v1, material: 40 + i, v2, unused: 0 }
+            Triangle { v0, original: COUNT - 1 - i, v1, material: 40 + i, v2, light_area: 0.0 }
         })
         .collect();
     scene.materials = (0..COUNT)
@@ -254,7 +256,7 @@ fn triangles_materials_normals_and_texels_are_read_as_they_are_written() {
         let answers: Vec<Record> = bench.run("records", &queries);
         for (query, answer) in queries.iter().zip(&answers) {
             let i = query[0] as usize;
-            let Triangle { v0, original, v1, material, v2, unused: _ } = bench.scene.triangles[i];
+            let Triangle { v0, original, v1, material, v2, light_area: _ } = bench.scene.triangles[i];
             assert_eq!(answer.v.map(|[x, y, z, _]| [x, y, z]), [v0, v1, v2]);
             assert_eq!((answer.material, answer.original), (material, original));
             let Material { kd, surface, ks, ns, ke, ni, tf, map_kd } = bench.scene.materials[i];

@@ -1,5 +1,5 @@
-//! Whole images against references that another renderer made (see `tests/references`), and the
-//! two integrators against each other.
+//! Whole images against references that another renderer made (see `tests/references`): every integrator
+//! by every sampler and roulette.
 //!
 //! Images are compared by z-tests of the means of 8x8-pixel blocks, each channel, and of the whole
 //! image, held together to one level by Šidák's correction. Seeds are fixed, so a test that
@@ -13,8 +13,10 @@ use std::path::PathBuf;
 use common::{device, own_scene, project_file, render_on};
 use glam::DVec3;
 use raywave::film::{Image, WriteOptions, read_image, write_image};
+use raywave::render::RouletteMode::{self, Constant, Throughput};
 use raywave::render::Settings;
-use raywave::scene::Integrator::{self, Explicit, Implicit};
+use raywave::scene::Integrator::{self, Explicit, Implicit, Mis};
+use raywave::scene::Sampler::{self, Independent, Sobol};
 use raywave::scene::{Environment, Scene};
 use raywave::stats::{sidak_level, z_test};
 
@@ -50,11 +52,18 @@ impl Estimate {
 
     fn rendered(scene: &str, settings: impl Fn(Settings) -> Settings) -> Self {
         let scene = own_scene(scene);
-        let settings = settings(Settings { width: 64, height: 64, seed: 1, ..Settings::of(&scene) });
-        let film = render_on(&device(), &scene, &settings).film;
+        let own = Settings { width: 64, height: 64, seed: 1, sampler: Independent, ..Settings::of(&scene) };
+        let settings = settings(own);
         let survival = (1.0 - settings.roulette).powi(settings.max_bounces.unwrap_or(0) as i32);
         let brightest_path = f64::from(brightest_light(&scene)) / survival / f64::from(settings.samples);
-        Self { mean: film.mean(), variance: film.variance_of_mean(), brightest_path }
+        let (mean, variance) = match settings.sampler {
+            Independent => {
+                let film = render_on(&device(), &scene, &settings).film;
+                (film.mean(), film.variance_of_mean())
+            }
+            Sobol => replicated(&scene, &settings),
+        };
+        Self { mean, variance, brightest_path }
     }
 
     /// Sums of mean and variance over the pixels that `keep` holds for.
@@ -67,6 +76,30 @@ impl Estimate {
                 (mean + m.as_dvec3(), variance + v.as_dvec3())
             })
     }
+}
+
+/// Seeds of an estimate whose samples know of each other.
+const SEEDS: u32 = 4;
+
+/// Mean and its variance of renders that differ by their seeds and share the samples: those of one Sobol
+/// sequence are no measure of each other's error.
+fn replicated(scene: &Scene, settings: &Settings) -> (Image, Image) {
+    let device = device();
+    let samples = settings.samples / SEEDS;
+    let renders: Vec<Image> = (0..SEEDS)
+        .map(|seed| render_on(&device, scene, &Settings { seed, samples, ..*settings }).film.mean())
+        .collect();
+    let over_seeds = |of: &dyn Fn(Vec<DVec3>) -> DVec3| {
+        let pixel = |i: usize| of(renders.iter().map(|image| image.pixels[i].as_dvec3()).collect()).as_vec3();
+        Image::new(settings.width, settings.height, (0..renders[0].pixels.len()).map(pixel).collect())
+    };
+    let seeds = f64::from(SEEDS);
+    let mean = |values: &[DVec3]| values.iter().sum::<DVec3>() / seeds;
+    let variance = |values: Vec<DVec3>| {
+        let mean = mean(&values);
+        values.iter().map(|value| (value - mean).powf(2.0)).sum::<DVec3>() / (seeds - 1.0) / seeds
+    };
+    (over_seeds(&|values| mean(&values)), over_seeds(&variance))
 }
 
 /// Largest radiance that a light of the scene gives, in any channel.
@@ -121,16 +154,31 @@ fn assert_agree(case: &str, ours: &Estimate, reference: &Estimate) {
     );
 }
 
-/// Renders one case and compares it with its reference.
+/// Renders one case by independent samples and a constant roulette and compares it with its reference.
 fn check(reference: &str, scene: &str, bounces: u32, integrator: Integrator, samples: u32, roulette: f64) {
+    check_way(reference, scene, bounces, (integrator, Independent, Constant), samples, roulette);
+}
+
+/// Renders one case and compares it with its reference.
+fn check_way(
+    reference: &str,
+    scene: &str,
+    bounces: u32,
+    (integrator, sampler, roulette_mode): (Integrator, Sampler, RouletteMode),
+    samples: u32,
+    roulette: f64,
+) {
     let ours = Estimate::rendered(scene, |settings| Settings {
         integrator,
+        sampler,
         samples,
         max_bounces: Some(bounces),
         roulette,
+        roulette_mode,
+        roulette_from: 1,
         ..settings
     });
-    let case = format!("{reference}-{integrator:?}-q{roulette}").to_lowercase();
+    let case = format!("{reference}-{integrator:?}-{sampler:?}-{roulette_mode:?}-q{roulette}").to_lowercase();
     assert_agree(&case, &ours, &Estimate::reference(reference));
 }
 
@@ -158,6 +206,39 @@ fn box_with_roulette() {
     for roulette in [0.2, 0.8] {
         check("box-n4", "cornell-box", 4, Implicit, 4096, roulette);
         check("box-n4", "cornell-box", 4, Explicit, 1024, roulette);
+    }
+}
+
+/// Every integrator by every sampler and roulette that the tests above leave out.
+#[test]
+fn box_by_every_way() {
+    for integrator in [Implicit, Explicit, Mis] {
+        let samples = if integrator == Implicit { 2048 } else { 512 };
+        for sampler in [Independent, Sobol] {
+            for (mode, roulette) in [(Constant, 0.0), (Constant, 0.3), (Throughput, 0.0), (Throughput, 0.2)] {
+                if sampler == Sobol || mode == Throughput || integrator == Mis {
+                    check_way("box-n4", "cornell-box", 4, (integrator, sampler, mode), samples, roulette);
+                }
+            }
+        }
+    }
+}
+
+/// MIS and the roulette by throughput where there is glass, gloss, a sky, or lamps beside a sky.
+#[test]
+fn other_scenes_by_mis_and_throughput() {
+    for (reference, scene, bounces, samples) in [
+        ("box-n0", "cornell-box", 0, 256),
+        ("box-n1", "cornell-box", 1, 512),
+        ("caustic-n4", "cornell-caustic", 4, 1024),
+        ("glass-n8", "cornell-glass", 8, 512),
+        ("phong-n4", "cornell-phong", 4, 512),
+        ("sky-n4-centred", "textured-sky", 4, 512),
+        ("smooth-n3", "smooth", 3, 512),
+    ] {
+        check_way(reference, scene, bounces, (Mis, Independent, Constant), samples, 0.0);
+        check_way(reference, scene, bounces, (Mis, Sobol, Throughput), samples, 0.1);
+        check_way(reference, scene, bounces, (Explicit, Sobol, Throughput), samples, 0.0);
     }
 }
 

@@ -10,8 +10,8 @@ use common::{device, own_scene, render_on, scene_from};
 use glam::DVec3;
 use raywave::constants::COUNTED_BOUNCES;
 use raywave::oracle::{Path, Reference};
-use raywave::render::{Outcome, Scheduler, Settings, ShadowRays};
-use raywave::scene::{Integrator, Scene};
+use raywave::render::{Outcome, RouletteMode, Scheduler, Settings, ShadowRays};
+use raywave::scene::{Integrator, Sampler, Scene};
 
 /// Largest error of a pixel, as a share of its radiance plus the image's mean. The kernels round
 /// positions and directions to 24 bits, and a path adds up such errors and divides them by cosines:
@@ -83,21 +83,47 @@ fn assert_pixels(what: &str, actual: &[DVec3], expected: &[DVec3], tolerance: f6
     }
 }
 
-/// Renders the scene with both integrators, short and long paths, with a roulette and without, by
-/// all schedulers.
+/// Renders the scene with all integrators, short and long paths, every roulette and none, both samplers,
+/// and a clamp, by all schedulers.
 fn check(scene: &Scene, width: u32, height: u32) {
     let device = device();
-    let short = [0.0, 0.3].map(|roulette| [0, 1, 4].map(|bounces| (Some(bounces), roulette)));
-    let lengths = [short.as_flattened(), &[(None, 0.3)]].concat();
-    for integrator in [Integrator::Implicit, Integrator::Explicit] {
-        for &(max_bounces, roulette) in &lengths {
-            let settings =
-                Settings { width, height, samples: 2, integrator, max_bounces, roulette, ..Settings::of(scene) };
+    let own = Settings {
+        width,
+        height,
+        samples: 2,
+        roulette: 0.0,
+        sampler: Sampler::Independent,
+        roulette_from: 1,
+        ..Settings::of(scene)
+    };
+    let bounded = |bounces| Settings { max_bounces: Some(bounces), ..own };
+    let constant = |settings| Settings { roulette: 0.3, ..settings };
+    let throughput = |settings| Settings { roulette_mode: RouletteMode::Throughput, ..settings };
+    let sobol = |settings| Settings { sampler: Sampler::Sobol, ..settings };
+    let clamped = |settings| Settings { clamp: Some(0.5), ..settings };
+    let unbounded = Settings { max_bounces: None, ..own };
+    let kinds = [
+        bounded(0),
+        bounded(1),
+        bounded(4),
+        constant(bounded(1)),
+        constant(bounded(4)),
+        constant(unbounded),
+        sobol(bounded(1)),
+        sobol(throughput(bounded(4))),
+        clamped(throughput(constant(unbounded))),
+    ];
+    for integrator in [Integrator::Implicit, Integrator::Explicit, Integrator::Mis] {
+        for settings in kinds {
+            let settings = Settings { integrator, ..settings };
+            let Settings { max_bounces, roulette, roulette_mode, sampler, clamp, .. } = settings;
             let reference = Reference::new(scene, &settings);
             let samples = |pixel| (0..settings.samples).map(|sample| reference.path(pixel, sample)).collect();
             let paths: Vec<Vec<Path>> = (0..width * height).map(samples).collect();
             let counts = rays_by_bounce(&paths);
-            let case = format!("{integrator:?}, {max_bounces:?} bounces, roulette {roulette}");
+            let case = format!(
+                "{integrator:?}, {max_bounces:?} bounces, roulette {roulette} {roulette_mode:?}, {sampler:?}, clamp {clamp:?}"
+            );
             assert_eq!(counts[COUNTED_BOUNCES as usize - 1], [0, 0], "paths too long to be counted by bounce; {case}");
             assert!(max_bounces == Some(0) || lit_surfaces(&paths) > 5, "too dark to tell; {case}");
 

@@ -7,22 +7,26 @@
 mod fake_renderer;
 
 use std::collections::BTreeMap;
+use std::error::Error;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
 use glam::Vec3;
-use raywave::export::{Document, Exports, Format, Page};
+use raywave::export::{Document, Exports, Format, Page, TradeoffDocument};
 use raywave::film::read_image;
 use raywave::stats::Bootstrap;
-use raywave::studies::{Cpu, Provenance, Report};
+use raywave::studies::tradeoff::{Base, Reference, ReferenceKeeper, Sweep, TradeoffReport};
+use raywave::studies::{
+    Configuration, Cpu, Measurement, Provenance, Purpose, Renderer, Report, SceneFacts, StudyError,
+};
 
 use fake_renderer::{FakeRenderer, normal, study};
 
 /// A report with all that can be in one: two scenes, combinations that are faster, slower, within
 /// noise, of another estimator, wrong and failed, warnings, texts that need escapes.
 fn example() -> Report {
-    let mut study = study(&["scheduler=wavefront,megakernel,in-flight=16k,64k,1M,integrator"], 15);
+    let mut study = study(&["scheduler=wavefront,megakernel,in-flight=16k,64k,1M,integrator=explicit,implicit"], 15);
     study.bootstrap = Bootstrap { resamples: 1000, ..Bootstrap::default() };
     study.scenes = vec!["caustic".to_owned(), "glass".to_owned()];
     let mut renderer = FakeRenderer::new(|call, random| {
@@ -82,6 +86,79 @@ fn example_of_a_crossover() -> Report {
     });
     renderer.image = Box::new(|_, _| Some(fake_renderer::gradient(16, 16)));
     study.run(&mut renderer, &mut |_| ControlFlow::Continue(())).expect("the fake renderer renders")
+}
+
+/// A renderer whose pictures have the more noise the fewer samples there are, and two knobs that matter.
+struct SweepRenderer;
+
+impl Renderer for SweepRenderer {
+    fn open(&mut self, _: &str) -> Result<SceneFacts, Box<dyn Error + Send + Sync>> {
+        let image = read_image(&reference_file()).expect("a reference image");
+        Ok(SceneFacts {
+            scene: "caustic <&>".to_owned(),
+            width_pixels: image.width,
+            height_pixels: image.height,
+            samples_per_pixel: 64,
+            ..SceneFacts::default()
+        })
+    }
+
+    fn run(
+        &mut self,
+        configuration: &Configuration,
+        purpose: Purpose,
+    ) -> Result<Measurement, Box<dyn Error + Send + Sync>> {
+        let samples = configuration.count("samples").unwrap_or(1) as f64;
+        let mis = configuration.level("integrator") == Some("mis");
+        let short = configuration.level("max-bounces") == Some("3");
+        if configuration.level("bvh") == Some("bvh4") {
+            return Err("out of memory, \"heap\" <0>".into());
+        }
+        let seed = if let Purpose::Seeded(seed) = purpose { seed } else { 0 };
+        let mut random = raywave::stats::SplitMix64::new(u64::from(seed) * 1000 + samples as u64);
+        let seconds = 0.02 * samples * if short { 0.6 } else { 1.0 } * (0.02 * normal(&mut random)).exp();
+        let noise = (if mis { 0.1 } else { 0.3 } / samples).sqrt();
+        let mut image = read_image(&reference_file()).expect("a reference image");
+        let kept = if short { 0.9 } else { 1.0 };
+        image.pixels.iter_mut().for_each(|pixel| *pixel *= (kept + noise * normal(&mut random)) as f32);
+        let settings = r#"{"max_bounces": 8, "integrator": "explicit", "bvh": "cwbvh", "note": "</script><b>"}"#;
+        Ok(Measurement {
+            wall_seconds: seconds,
+            gpu_seconds: seconds,
+            image: Some(image),
+            settings: serde_json::from_str(settings).expect("JSON"),
+            ..Measurement::default()
+        })
+    }
+}
+
+/// Has no reference, and keeps none.
+struct NoKeeper;
+
+impl ReferenceKeeper for NoKeeper {
+    fn load(&mut self, _: &SceneFacts, _: &Base) -> Result<Option<Reference>, StudyError> {
+        Ok(None)
+    }
+
+    fn store(&mut self, _: &SceneFacts, _: &Base, _: &Reference) {}
+}
+
+fn reference_file() -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/references/caustic-n4.exr")
+}
+
+fn example_of_a_sweep() -> TradeoffReport {
+    let sweep = Sweep {
+        scene: String::new(),
+        budget_seconds: 120.0,
+        rounds: 5,
+        fixed_samples: false,
+        reference_error: 1e-3,
+        target: Some(1e-2),
+        bootstrap: Bootstrap { resamples: 100, ..Bootstrap::default() },
+        seed: 0,
+    };
+    sweep.run(&mut SweepRenderer, &mut NoKeeper, &mut |_| ControlFlow::Continue(())).expect("it renders")
 }
 
 fn provenance() -> Provenance {
@@ -375,9 +452,18 @@ fn the_page_works_in_a_browser() {
     let Some(chromium) = chromium() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let provenance = provenance();
-    for (name, report, maps) in [("factorial", example(), Some("7 5 ")), ("crossover", example_of_a_crossover(), None)]
-    {
-        let page = Page::new(0.0).html(&Document { provenance: &provenance, report: &report });
+    let sweep = example_of_a_sweep();
+    let front = format!("{} ", sweep.front.len());
+    let page = |report: &Report| Page::new(0.0).html(&Document { provenance: &provenance, report });
+    for (name, page, maps) in [
+        ("factorial", page(&example()), Some("7 5 ")),
+        ("crossover", page(&example_of_a_crossover()), None),
+        (
+            "sweep",
+            Page::new(0.0).tradeoff(&TradeoffDocument { provenance: &provenance, report: &sweep }),
+            Some(&*front),
+        ),
+    ] {
         if let Ok(path) = std::env::var("RAYWAVE_REPORT_PAGE") {
             std::fs::write(format!("{path}-{name}.html"), &page).expect("the page is written");
         }

@@ -14,9 +14,11 @@ use common::probe::{
 };
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use raywave::constants::{ENVIRONMENT_LAT_LONG, NO_TRIANGLE};
+use raywave::gpu::Device;
+use raywave::oracle::sobol::{scramble, sobol4};
 use raywave::oracle::{optics, pcg4d};
-use raywave::scene::{Camera, Environment, EnvironmentMap, Material, Surface};
-use raywave::stats::{Moments, chi_square, sidak_adjusted, z_test};
+use raywave::scene::{Camera, Environment, EnvironmentMap, Material, Sampler, Surface};
+use raywave::stats::{Moments, SplitMix64, chi_square, sidak_adjusted, z_test};
 
 /// How seldom a family of tests may fail by chance.
 const LEVEL: f64 = 1e-3;
@@ -81,11 +83,18 @@ fn turn(axis: DVec3, v: DVec3) -> f64 {
 
 // Random numbers
 
+/// A bench whose random numbers are the sampler's.
+fn sampling_by(device: &Device, sampler: Sampler) -> Bench {
+    let mut bench = Bench::new(device, &any_scene());
+    bench.settings.sampler = sampler;
+    bench
+}
+
 #[test]
 fn random_numbers_are_uniform_and_independent_of_their_neighbours() {
     const N: u32 = 1 << 16;
     let device = common::device();
-    let bench = Bench::new(&device, &any_scene());
+    let bench = sampling_by(&device, Sampler::Independent);
     let run = |keys: &[[u32; 4]]| {
         let numbers: Vec<[f32; 4]> = bench.run("random", keys);
         for (key, numbers) in keys.iter().zip(&numbers) {
@@ -130,6 +139,148 @@ fn random_numbers_are_uniform_and_independent_of_their_neighbours() {
             }
         }
     }
+}
+
+/// Keys at random, of samples up to the last that a pixel can have.
+#[test]
+fn sobol_points_are_those_of_the_papers() {
+    let mut random = SplitMix64::new(9);
+    let keys: Vec<[u32; 4]> = (0..1 << 16)
+        .map(|i| {
+            let [a, b] = [random.next_u64(), random.next_u64()];
+            let sample = if i % 2 == 0 { (a >> 40) as u32 } else { (a >> 40) as u32 % 64 };
+            [a as u32, sample, b as u32 % 100, (b >> 32) as u32]
+        })
+        .collect();
+    let numbers: Vec<[f32; 4]> = sampling_by(&common::device(), Sampler::Sobol).run("random", &keys);
+    for (key, numbers) in keys.iter().zip(&numbers) {
+        assert_eq!(numbers.map(f64::from), sobol4(*key), "{key:?}");
+    }
+}
+
+/// A scramble is nested: what it does to a bit depends on the bits above it alone, and on every one of them.
+#[test]
+fn scrambles_are_nested() {
+    let mut random = SplitMix64::new(10);
+    let mut flips = [[0_u32; 32]; 32];
+    const KEYS: u32 = 2000;
+    for _ in 0..KEYS {
+        let (x, seed) = (random.next_u64() as u32, (random.next_u64() >> 32) as u32);
+        for (bit, flips) in flips.iter_mut().enumerate() {
+            let changed = (scramble(x, seed) ^ scramble(x ^ 1 << bit, seed)) ^ 1 << bit;
+            assert_eq!(changed >> bit, 0, "bit {bit} of {x:x} changes itself or one above it");
+            flips.iter_mut().enumerate().for_each(|(other, n)| *n += changed >> other & 1);
+        }
+    }
+    // Of the bits that make a number: each of the eight under the highest turns on each above it about as often
+    // as not. Deep bits may depend less on single ones.
+    for (bit, flips) in flips.iter().enumerate().skip(24) {
+        for (other, flips) in flips.iter().enumerate().take(bit).skip(23) {
+            let share = f64::from(*flips) / f64::from(KEYS);
+            assert!((0.2..0.8).contains(&share), "bit {other} turns on bit {bit} with {share}");
+        }
+    }
+}
+
+/// Every aligned run of 2^m samples has one point in each elementary interval of area 2^-m, of both pairs:
+/// a (0, 2)-sequence in base 2. (Niederreiter 1992, section 4.1)
+#[test]
+fn sobol_pairs_have_a_point_in_every_elementary_interval() {
+    const LOG: u32 = 12;
+    let bench = sampling_by(&common::device(), Sampler::Sobol);
+    for (pixel, block, seed, first) in
+        [(0, 0, 0, 0), (1, 0, 0, 0), (77, 3, 5, 0), (4096, 18, 1, 3 << LOG), (9, 2, 7, (1 << 24) - (1 << LOG))]
+    {
+        let keys: Vec<_> = (first..first + (1 << LOG)).map(|sample| [pixel, sample, block, seed]).collect();
+        let numbers: Vec<[f32; 4]> = bench.run("random", &keys);
+        for pair in 0..2 {
+            let points: Vec<[u32; 2]> = numbers
+                .iter()
+                .map(|u| [0, 1].map(|i| (f64::from(u[2 * pair + i]) * f64::from(1 << 24)) as u32))
+                .collect();
+            for m in 0..=LOG {
+                for (run, points) in points.chunks(1 << m).enumerate() {
+                    for columns in 0..=m {
+                        let mut taken = vec![false; 1 << m];
+                        for [x, y] in points {
+                            let cell = (x >> (24 - columns)) << (m - columns) | y >> (24 - (m - columns));
+                            let again = std::mem::replace(&mut taken[cell as usize], true);
+                            assert!(
+                                !again,
+                                "two points in a cell of 2^-{columns} by 2^-{}, run {run}, pair {pair}",
+                                m - columns
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Between pixels, blocks and seeds the numbers of a sample are as those of independent samplers; and over the
+/// samples of a pixel the pairs of a vertex, of vertices and of neighbours fill their squares together too.
+#[test]
+fn sobol_sequences_know_nothing_of_each_other() {
+    const N: u32 = 1 << 16;
+    let bench = sampling_by(&common::device(), Sampler::Sobol);
+    let run = |keys: &[[u32; 4]]| -> Vec<[f32; 4]> { bench.run("random", keys) };
+    let mut family = Family::default();
+    let even = vec![f64::from(N) / 1024.0; 1024];
+    let pairs = |a: &dyn Fn(usize) -> f32, b: &dyn Fn(usize) -> f32| {
+        square_counts((0..N as usize).map(|i| DVec2::new(a(i).into(), b(i).into())), 32, 32)
+    };
+    type Key = fn(u32) -> [u32; 4];
+    let streams: [(&str, Key); 5] = [
+        ("pixels", |i| [i, 0, 0, 0]),
+        ("pixels, a later sample", |i| [i, 1_000_003, 4, 2]),
+        ("blocks", |i| [77, 5, i, 0]),
+        ("seeds", |i| [77, 5, 2, i]),
+        ("blocks of pixels", |i| [i / 16, 9, i % 16, 1]),
+    ];
+    let steps = [[1, 0, 0, 0], [512, 0, 0, 0], [0, 0, 1, 0], [0, 0, 2, 0], [0, 0, 0, 1], [1, 1, 0, 0]];
+    for (name, key) in streams {
+        let keys: Vec<_> = (0..N).map(key).collect();
+        let numbers = run(&keys);
+        for d in 0..4 {
+            let alone = square_counts(numbers.iter().map(|u| DVec2::new(u[d].into(), 0.0)), 1024, 1);
+            family.counts(&alone, &even, format!("dimension {d} over {name}"));
+            for e in 0..d {
+                let counts = pairs(&|i| numbers[i][d], &|i| numbers[i][e]);
+                family.counts(&counts, &even, format!("dimensions {d} and {e} over {name}"));
+            }
+        }
+        for step in steps {
+            let next: Vec<_> = keys.iter().map(|key| std::array::from_fn(|i| key[i] + step[i])).collect();
+            let next = run(&next);
+            for d in 0..4 {
+                let counts = pairs(&|i| numbers[i][d], &|i| next[i][d]);
+                family.counts(&counts, &even, format!("dimension {d} and its neighbour at {step:?} over {name}"));
+            }
+        }
+    }
+    drop(family);
+
+    // Within a pixel sequences are shuffled by a hash that is not perfect: their squares are filled a little more
+    // or less evenly than by chance. A quarter more is the most that was seen, over hundreds of keys.
+    let unevenness = |a: &[[f32; 4]], d: usize, b: &[[f32; 4]], e: usize| {
+        let counts = pairs(&|i| a[i][d], &|i| b[i][e]);
+        counts.iter().zip(&even).map(|(n, even)| (n - even).powi(2) / even).sum::<f64>() / 1023.0
+    };
+    let mut all = Vec::new();
+    for key in [[3, 0, 2, 0], [500, 0, 7, 4], [70_000, 0, 1, 9]] {
+        let [own, next, beside] = [[0, 0], [0, 1], [1, 0]].map(|[pixel, block]| {
+            let keys: Vec<_> = (0..N).map(|i| [key[0] + pixel, i, key[2] + block, key[3]]).collect();
+            run(&keys)
+        });
+        all.extend([(0, 2), (0, 3), (1, 2), (1, 3)].map(|(d, e)| unevenness(&own, d, &own, e)));
+        for other in [&next, &beside] {
+            all.extend((0..16).map(|i| unevenness(&own, i / 4, other, i % 4)));
+        }
+    }
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    assert!((0.8..1.05).contains(&mean), "on the average {mean} of chance");
+    assert!(all.iter().all(|x| *x < 1.5), "{all:?}");
 }
 
 // Warps
@@ -516,7 +667,11 @@ fn lamps_are_sampled_by_area_and_weighed_by_solid_angle() {
         .map(|(place, corners)| if place == floor { 0.0 } else { 0.5 * doubled_normal(*corners).length() })
         .collect();
     let area: f64 = areas.iter().sum();
-    assert!((bench.scene.light_area / area - 1.0).abs() < 1e-9);
+    // All are alike bright, so power and area are in one proportion.
+    for (place, triangle) in bench.scene.triangles.iter().enumerate() {
+        let expected = if place == floor { 0.0 } else { area };
+        assert!((f64::from(triangle.light_area) - expected).abs() < 1e-6 * area);
+    }
     let mut family = Family::default();
 
     // Lamps by area, which is what the alias table is for.
@@ -675,6 +830,9 @@ fn the_sky_is_sampled_by_its_luminance() {
             // What drivers' sines allow.
             let tolerance = 5e-4 * expected + 1e-2 * solid / f64::from(texels[texel].probability);
             assert!(error.cmple(tolerance).all(), "{answer:?}: {expected}");
+            // A path that finds the sky there by its BRDF is weighed against the density of light samples.
+            let (own, found) = (answer.origin[3], answer.ray[3]);
+            assert!((own / found - 1.0).abs() < 1e-5, "{own} and {found} are one density");
         }
         assert_eq!((answer.light, answer.blocked), (NO_TRIANGLE, 0));
         let seen = sky_radiance(&sky, vector(query.wo));
@@ -719,8 +877,10 @@ fn a_constant_sky_is_sampled_by_the_cosine_and_shares_with_lamps() {
     let bench = Bench::new(&device, &scene);
     let (_, answers) = ask_for_light(&bench, N, &mut random);
     let far = answers.iter().filter(|answer| answer.light == NO_TRIANGLE).count() as f64;
-    family.counts(&[far, N as f64 - far], &[N as f64 / 2.0; 2], "sky or lamp");
-    // Both halves count double. All light: the sky's as a cosine density's 1/cos diverges, so the lamp's.
+    let sky_share = f64::from(bench.scene.frame(&bench.settings, 1).sky_probability);
+    assert!((0.1..=0.9).contains(&sky_share));
+    family.counts(&[far, N as f64 - far], &[sky_share * N as f64, (1.0 - sky_share) * N as f64], "sky or lamp");
+    // Both count for what they stand for. All light: the sky's as a cosine density's 1/cos diverges, so the lamp's.
     let lamp = bench.scene.triangles.iter().find(|t| t.material == 1).expect("it is there");
     let floor = bench.scene.triangles.iter().find(|t| t.material == 0).expect("it is there");
     let [a, b, c] = [floor.v0, floor.v1, floor.v2].map(|v| Vec3::from(v).as_dvec3());

@@ -11,8 +11,8 @@ use common::{device, gallery, own_scene, project_file, render_on};
 use glam::DVec3;
 use rayon::prelude::*;
 use raywave::gpu::Device;
-use raywave::render::{Outcome, PreparedScene, RenderError, Scheduler, Session, Settings, ShadowRays};
-use raywave::scene::{Integrator, Scene};
+use raywave::render::{Outcome, PreparedScene, RenderError, RouletteMode, Scheduler, Session, Settings, ShadowRays};
+use raywave::scene::{Integrator, Sampler, Scene};
 
 const SIZE: u32 = 20;
 const SAMPLES: u32 = 3;
@@ -72,15 +72,21 @@ const CUTS: [(u32, u32); 5] = [
     (SIZE * SIZE * SAMPLES - 1, 32),
 ];
 
+/// Ways to estimate the image: every integrator, sampler, roulette and clamp is in some of them.
+const ESTIMATORS: [(Integrator, Sampler, RouletteMode, Option<f64>); 3] = [
+    (Integrator::Implicit, Sampler::Independent, RouletteMode::Throughput, None),
+    (Integrator::Explicit, Sampler::Independent, RouletteMode::Constant, Some(0.1)),
+    (Integrator::Mis, Sampler::Sobol, RouletteMode::Throughput, None),
+];
+
 #[test]
 fn schedulers_batches_and_workgroups_leave_no_trace() {
     let device = device();
     let scenes = all_scenes();
     assert!(scenes.len() > 7, "scenes/ and the gallery");
-    let integrators = [Integrator::Implicit, Integrator::Explicit];
-    let cases: Vec<_> = scenes.iter().flat_map(|scene| integrators.map(|integrator| (scene, integrator))).collect();
-    cases.into_par_iter().for_each(|((name, scene), integrator)| {
-        let settings = Settings { integrator, ..Settings::of(scene) };
+    let cases: Vec<_> = scenes.iter().flat_map(|scene| ESTIMATORS.map(|estimator| (scene, estimator))).collect();
+    cases.into_par_iter().for_each(|((name, scene), (integrator, sampler, roulette_mode, clamp))| {
+        let settings = Settings { integrator, sampler, roulette_mode, roulette_from: 1, clamp, ..Settings::of(scene) };
         let reference = Render::new(&device, scene, settings);
         assert!(reference.sums.iter().any(|sum| *sum != DVec3::ZERO), "{name} {integrator:?} is black");
         for (scheduler, shadow_rays) in SCHEDULERS {

@@ -8,8 +8,10 @@ use std::fs;
 
 use common::{device, gallery, own_scene, project_file, render_on, scene_from};
 use rayon::prelude::*;
-use raywave::render::{Footprint, Outcome, PreparedScene, Scheduler, Settings, ShadowRays, feature_costs};
-use raywave::scene::{Integrator, Scene};
+use raywave::render::{
+    Footprint, Outcome, PreparedScene, RouletteMode, Scheduler, Settings, ShadowRays, feature_costs,
+};
+use raywave::scene::{Integrator, Sampler, Scene};
 
 /// Every scene of `scenes/` and a small gallery.
 fn all_scenes() -> Vec<Scene> {
@@ -33,8 +35,13 @@ fn kernels_for_any_scene_give_the_same_bits() {
         let wavefront = Settings { scheduler: Some(Scheduler::Wavefront), ..own };
         let explicit = Settings { integrator: Integrator::Explicit, ..wavefront };
         let bounce = Settings { scheduler: Some(Scheduler::Bounce), ..explicit };
+        let mis = Settings { integrator: Integrator::Mis, ..bounce };
+        let throughput = Settings { roulette_mode: RouletteMode::Throughput, roulette_from: 0, ..mis };
         [
             explicit,
+            mis,
+            Settings { sampler: Sampler::Independent, ..throughput },
+            Settings { scheduler: Some(Scheduler::Megakernel), clamp: Some(0.1), ..throughput },
             Settings { integrator: Integrator::Implicit, ..wavefront },
             bounce,
             Settings { shadow_rays: ShadowRays::AtOnce, ..bounce },
@@ -101,6 +108,21 @@ fn what_a_scene_does_not_need_is_not_bound() {
     let names = bound(&sky, &Settings { integrator: Integrator::Explicit, ..small(&sky) });
     assert!(names.is_superset(&of(&[&["textures", "texture_coordinates", "environment", "environment_aliases"]])));
     assert!(!names.contains("lights"));
+}
+
+#[test]
+fn memory_that_is_told_is_that_of_the_buffers_that_are_bound() {
+    let device = device();
+    let scene = own_scene("cornell-box");
+    let prepared = PreparedScene::new(&scene).expect("the scene fits");
+    let explicit =
+        Settings { integrator: Integrator::Explicit, scheduler: Some(Scheduler::Wavefront), ..small(&scene) };
+    let implicit = Settings { integrator: Integrator::Implicit, ..explicit };
+    let [with, without] =
+        [explicit, implicit].map(|settings| render_on(&device, &scene, &settings).statistics.memory_bytes);
+    let lights = size_of_val(prepared.lights.as_slice()) as u64;
+    // Of each path a shadow ray of three records.
+    assert_eq!(with - without, 48 * 500 + lights);
 }
 
 /// A floor, and materials in a file.

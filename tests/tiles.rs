@@ -22,7 +22,7 @@ fn render(
     film_rows: u32,
     progress: impl FnMut(&Progress) -> ControlFlow<()>,
 ) -> Outcome {
-    let settings = Settings { width: WIDTH, height: HEIGHT, samples: SAMPLES, ..settings };
+    let settings = Settings { width: WIDTH, height: HEIGHT, ..settings };
     let film_bytes = Some(u64::from(64 * WIDTH * film_rows));
     let options = SessionOptions { film_bytes, ..SessionOptions::default() };
     let prepared = PreparedScene::for_lanes(scene, &settings, device.description().subgroup_size);
@@ -40,7 +40,7 @@ fn tiles_leave_no_trace() {
     for name in ["cornell-glass", "textured-sky"] {
         let scene = own_scene(name);
         for scheduler in [Scheduler::Wavefront, Scheduler::Bounce, Scheduler::Megakernel] {
-            let settings = Settings { scheduler: Some(scheduler), ..Settings::of(&scene) };
+            let settings = Settings { scheduler: Some(scheduler), samples: SAMPLES, ..Settings::of(&scene) };
             let whole = render(&device, &scene, settings, HEIGHT, |_| ControlFlow::Continue(()));
             assert!(whole.film.sum[0] != whole.film.sum[(WIDTH * HEIGHT / 2) as usize], "{name} is of one colour");
             // Paths in flight: a part of a tile's pixels, or all samples of one and a part of another's.
@@ -68,11 +68,13 @@ fn tiles_leave_no_trace() {
 fn a_render_that_is_broken_off_keeps_the_tiles_that_are_finished() {
     let device = device();
     let scene = own_scene("cornell-box");
-    // A batch is one sample of a tile of five rows.
-    let settings = Settings { in_flight: Some(5 * WIDTH), ..Settings::of(&scene) };
+    // A batch is four samples of a tile of five rows.
+    let settings = Settings { samples: 4 * SAMPLES, in_flight: Some(4 * 5 * WIDTH), ..Settings::of(&scene) };
     let whole = render(&device, &scene, settings, HEIGHT, |_| ControlFlow::Continue(())).film;
     // The last batch before the end, then rows and samples of the image.
-    for (last, rows, samples) in [(1, 5, 1), (3, 5, 3), (4, 5, 4), (6, 5, 4), (8, 10, 4), (13, 15, 4), (14, 17, 4)] {
+    for (last, rows, samples) in
+        [(1, 5, 4), (3, 5, 12), (4, 5, 16), (6, 5, 16), (8, 10, 16), (13, 15, 16), (14, 17, 16)]
+    {
         let mut batches = 0;
         let outcome = render(&device, &scene, settings, 5, |_| {
             batches += 1;
@@ -82,7 +84,7 @@ fn a_render_that_is_broken_off_keeps_the_tiles_that_are_finished() {
         assert_eq!((outcome.statistics.rows, outcome.statistics.samples), (rows, samples), "after {last} batches");
         assert_eq!(outcome.film.samples, u64::from(samples));
         let kept = &whole.sum[..(WIDTH * rows) as usize];
-        assert_eq!(outcome.film.sum == kept, samples == SAMPLES, "after {last} batches");
+        assert_eq!(outcome.film.sum == kept, samples == 4 * SAMPLES, "after {last} batches");
     }
     assert_silent(&device);
 }

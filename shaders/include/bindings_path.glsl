@@ -30,8 +30,8 @@ struct RayCount {
 
 layout(set = 1, binding = 1, std430) buffer RayQueue { uint paths[]; } ray_queue;  // two halves
 layout(set = 1, binding = 2, std430) buffer RayOrigins { uvec4 words[]; } ray_origins;        // origin, triangle left
-layout(set = 1, binding = 3, std430) buffer RayDirections { uvec4 words[]; } ray_directions;  // direction, sees_emission
-layout(set = 1, binding = 4, std430) buffer Throughputs { vec4 rgb[]; } throughputs;
+layout(set = 1, binding = 3, std430) buffer RayDirections { uvec4 words[]; } ray_directions;  // direction, sees_emission or with MIS density; with HALF_STATE as pack_path has it
+layout(set = 1, binding = 4, std430) buffer Throughputs { vec4 rgba[]; } throughputs;            // throughput, with MIS sky_density
 layout(set = 1, binding = 5, std430) buffer Radiances { vec4 rgb[]; } radiances;
 layout(set = 1, binding = 6, std430) buffer Hits { uvec4 words[]; } hits;                     // triangle, barycentrics, distance
 layout(set = 1, binding = 7, std430) buffer ShadowOrigins { uvec4 words[]; } shadow_origins;        // origin, triangle left
@@ -54,7 +54,7 @@ layout(set = 1, binding = 15, std430) buffer Bins {
     uint places[MATERIAL_BINS];  // where the next ray of each bin goes
 } bins;
 
-// The batch of samples in flight: slots run over pixels first, then over samples.
+// The batch of samples in flight: slots run over the samples of a pixel first, then over pixels.
 layout(push_constant) uniform Batch {
     uint first_pixel;
     uint pixel_count;

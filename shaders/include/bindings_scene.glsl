@@ -21,11 +21,13 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     uint width;                 // pixels
     uint height;
     uint light_count;
-    float light_area;           // of all light triangles
+    float sky_probability;      // with which a light sample goes to the environment
     uint environment_width;     // texels
     uint environment_height;
     uint path_capacity;         // path slots, and entries of each half of the ray queue
     uint environment;           // one of ENVIRONMENT_BLACK, _CONSTANT, _LAT_LONG
+    float radiance_clamp;       // most that indirect light brings by one vertex
+    uint roulette_from;         // vertex from which throughput decides
     float camera_distance;      // from the pinhole to camera_eye, along the view axis; 0 unless the scene is far
 } frame;
 

@@ -15,10 +15,14 @@ struct Material {
     vec3 tf;       // tint of transmitted light
 };
 
+// Stands for the density of a direction that is the only one.
+const float ONE_DIRECTION = FARTHEST;
+
 // A sampled direction and f cos / pdf, zero where the path ends.
 struct Scatter {
     vec3 direction;
     vec3 weight;
+    float density;  // with MIS: of the direction over solid angle, or ONE_DIRECTION
 };
 
 // Reads one texel, repeated in both directions.
@@ -117,7 +121,13 @@ Scatter scatter_glossy(Material m, Surface surface, vec3 wo, float choice, vec2 
         vec3 value = evaluate_glossy(m, surface, wo, wi, pdf);
         weight = probability > 0.0 ? (pdf > 0.0 ? value / pdf : vec3(0.0)) : weight;
     }
-    return Scatter(wi, weight);
+    float density = ONE_DIRECTION;
+    if (MIS) {
+        // Rounding must not make a direction that was taken one that cannot be.
+        evaluate_glossy(m, surface, wo, wi, density);
+        density = max(density, 1e-20);
+    }
+    return Scatter(wi, weight, density);
 }
 
 // Reflectance of unpolarised light. `eta` is the index beyond over the index before.
@@ -135,7 +145,7 @@ Scatter scatter_specular(Material m, Surface surface, vec3 wo, float choice) {
     // A shading normal that faces away, or reflects into the surface, gives way to geometry.
     bool bent = dot(n, wo) <= 0.0 || side_of(surface, reflect(-wo, n)) != side;
     n = HAS_NORMALS && bent ? surface.geometric_normal * side : n;
-    Scatter mirrored = Scatter(reflect(-wo, n), vec3(1.0));
+    Scatter mirrored = Scatter(reflect(-wo, n), vec3(1.0), ONE_DIRECTION);
     if (HAS_MIRROR && (!HAS_GLASS || m.surface == SURFACE_MIRROR)) {
         mirrored.weight = m.ks;
         return mirrored;
@@ -155,7 +165,7 @@ Scatter scatter_specular(Material m, Surface surface, vec3 wo, float choice) {
         }
         vec3 refracted = normalize(-along / eta - cos_t * n);
         // Radiance scales with the square of the index.
-        return choice < reflectance ? mirrored : Scatter(refracted, m.tf / (eta * eta));
+        return choice < reflectance ? mirrored : Scatter(refracted, m.tf / (eta * eta), ONE_DIRECTION);
     }
     return mirrored;
 }

@@ -44,6 +44,9 @@ Triangle fetch_triangle(uint index) {
     return Triangle(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(c.xyz), b.w, a.w);
 }
 
+// Area of an emitting triangle over the probability that light sampling picks it; 0 of any other.
+float fetch_light_area(uint index) { return uintBitsToFloat(fetch_triangles(TRIANGLE_TEXELS * index + 2u).w); }
+
 // A bound of n roundings. (Pharr, Jakob and Humphreys, Physically Based Rendering, 6.8)
 float rounding_bound(float n) { return n * 5.9604645e-8 / (1.0 - n * 5.9604645e-8); }
 
@@ -56,18 +59,25 @@ vec3 interpolate_position(Triangle t, vec2 barycentrics, out vec3 error) {
     return a + b + c;
 }
 
+// How far fixed offsets move a point off its plane, in normalised lengths: 1/20,000 to 1/10,000 of the
+// scene's longest side. What is closer than that to a surface is not seen from it.
+const float FIXED_OFFSET = 1e-4;
+
 // Moves a computed point off its plane to the side that `normal` shows, by a quarter more than
 // its error can be: the sum is rounded too. (After the same, 6.8.6) The error counts in full,
 // whatever its direction: along a plane through the origin it has no part across, yet the distance
 // to a triangle in that plane is rounded all the same.
 vec3 offset_from_plane(vec3 position, vec3 error, vec3 normal) {
-    return position + 1.25 * (error.x + error.y + error.z) * normal;
+    float offset = FIXED_OFFSETS ? FIXED_OFFSET : 1.25 * (error.x + error.y + error.z);
+    return position + offset * normal;
 }
 
-// A ray that leaves the surface to whichever side its direction points.
+// A ray that leaves the surface to whichever side its direction points. Far enough off its plane it need
+// not remember the triangle.
 Ray leave(Surface surface, vec3 direction) {
     vec3 side = dot(surface.geometric_normal, direction) < 0.0 ? -surface.geometric_normal : surface.geometric_normal;
-    return Ray(offset_from_plane(surface.position, surface.position_error, side), direction, surface.triangle);
+    uint triangle = FIXED_OFFSETS ? NO_TRIANGLE : surface.triangle;
+    return Ray(offset_from_plane(surface.position, surface.position_error, side), direction, triangle);
 }
 
 // Decodes a unit vector. (Cigolle et al. 2014, octahedral, 16 bits a coordinate)

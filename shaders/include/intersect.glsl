@@ -74,7 +74,7 @@ void meet_triangle(uint triangle, Triangle t, bool wins_ties, Ray ray, RaySpace 
     vec2 barycentrics;
     uint met = intersect_triangle(ray.origin, space, t, distance, barycentrics);
     uint limit = nearness(nearest.hit.distance) + (wins_ties ? 1u : 0u);
-    if (met < limit && triangle != ray.leaves) {
+    if (met < limit && (FIXED_OFFSETS || triangle != ray.leaves)) {
         nearest = Nearest(Hit(triangle, barycentrics, distance), t.original);
     }
 }
@@ -92,7 +92,7 @@ bool blocks(uint triangle, Triangle t, Ray ray, RaySpace space, uint target, flo
     float distance;
     vec2 barycentrics;
     uint met = intersect_triangle(ray.origin, space, t, distance, barycentrics);
-    return met < nearness(limit) && triangle != ray.leaves && triangle != target;
+    return met < nearness(limit) && (FIXED_OFFSETS || (triangle != ray.leaves && triangle != target));
 }
 
 #endif

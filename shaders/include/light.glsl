@@ -1,4 +1,4 @@
-// Light sampling: emitting triangles by area, and the environment.
+// Light sampling: emitting triangles, and the environment.
 #ifndef LIGHT_GLSL
 #define LIGHT_GLSL
 #include "bsdf.glsl"
@@ -14,8 +14,16 @@ struct LightSample {
     Ray ray;           // towards the light; reaches a triangle at 1 direction length
     vec3 direction;    // unit
     uint triangle;     // that emits, or NO_TRIANGLE for the environment
-    vec3 radiance;     // divided by its density over solid angle
+    vec3 radiance;     // divided by its density
+    float density;     // over solid angle, above 0
 };
+
+// Weight of a sample of density `own` where samples of another kind have density `other`. (Veach and
+// Guibas 1995, power heuristic)
+float mis_weight(float own, float other) {
+    float ratio = other / own;
+    return own == ONE_DIRECTION ? 1.0 : 1.0 / (1.0 + ratio * ratio);
+}
 
 // Radiance of the lat-long image at a texel, clamped at the poles and repeated around.
 vec3 environment_texel(ivec2 at) {
@@ -46,6 +54,28 @@ vec3 environment_radiance(vec3 direction) {
 // One of `count` equal cells, its own pick or its alias. (Walker 1974)
 uint pick_cell(float u, uint count) { return min(uint(u * float(count)), count - 1u); }
 
+// Solid angle of a texel in a row. The cosines of its edges differ by `cos_range`: as a product of
+// sines that keeps its precision at the poles.
+float texel_solid_angle(float top, out float cos_range) {
+    float height = PI / float(frame.environment_height);
+    cos_range = 2.0 * sin(top + 0.5 * height) * sin(0.5 * height);
+    return TWO_PI / float(frame.environment_width) * cos_range;
+}
+
+// Density over solid angle of the lat-long image's samples in a direction.
+float lat_long_density(vec3 direction) {
+    uvec2 size = uvec2(frame.environment_width, frame.environment_height);
+    uvec2 at = min(uvec2(environment_uv(direction) * vec2(size)), size - 1u);
+    float cos_range;
+    float solid_angle = texel_solid_angle(PI * float(at.y) / float(size.y), cos_range);
+    return uintBitsToFloat(fetch_environment(at.y * size.x + at.x).w) / solid_angle;
+}
+
+// The same of a constant environment's, which only the surface that was left can tell.
+float constant_density(Surface surface, vec3 wo, vec3 direction) {
+    return max(0.0, dot(surface.shading_normal * side_of(surface, wo), direction)) * INVERSE_PI;
+}
+
 // A texel by its probability, then a direction uniform in its solid angle. The density is
 // exact for the texel, and the bilinear radiance is zero wherever the density is.
 LightSample sample_lat_long(Surface surface, vec4 u) {
@@ -57,16 +87,15 @@ LightSample sample_lat_long(Surface surface, vec4 u) {
     vec2 size = vec2(frame.environment_width, frame.environment_height);
     vec2 corner = vec2(cell % frame.environment_width, cell / frame.environment_width);
     float turns = (corner.x + u.z) / size.x - 0.5;
-    // Uniform in the cosine between the texel's edges. Their difference as a product of sines
-    // keeps its precision at the poles.
+    // Uniform in the cosine between the texel's edges.
     float top = PI * corner.y / size.y;
-    float height = PI / size.y;
-    float cos_range = 2.0 * sin(top + 0.5 * height) * sin(0.5 * height);
+    float cos_range;
+    float solid_angle = texel_solid_angle(top, cos_range);
     float cos_theta = cos(top) - u.w * cos_range;
     vec2 across = sqrt(max(0.0, 1.0 - cos_theta * cos_theta)) * on_circle(turns);
     vec3 direction = vec3(across.y, cos_theta, -across.x);
-    float pdf = probability / (TWO_PI / size.x * cos_range);
-    return LightSample(leave(surface, direction), direction, NO_TRIANGLE, environment_radiance(direction) / pdf);
+    float pdf = probability / solid_angle;
+    return LightSample(leave(surface, direction), direction, NO_TRIANGLE, environment_radiance(direction) / pdf, pdf);
 }
 
 // From a constant environment the cosine alone matters: sampled like the Lambert lobe.
@@ -75,10 +104,13 @@ LightSample sample_constant(Surface surface, vec3 wo, vec2 u) {
     vec3 direction = sample_cosine(n, u);
     float pdf = dot(n, direction) * INVERSE_PI;
     vec3 radiance = pdf > 0.0 ? frame.environment_radiance / pdf : vec3(0.0);
-    return LightSample(leave(surface, direction), direction, NO_TRIANGLE, radiance);
+    return LightSample(leave(surface, direction), direction, NO_TRIANGLE, radiance, pdf > 0.0 ? pdf : 1.0);
 }
 
-// A point uniform over the area of all lights.
+// Density over solid angle of samples of lamps towards a point of one.
+float lamp_density(float light_area, float distance2, float cos_light) { return distance2 / (cos_light * light_area); }
+
+// A lamp by its probability, then a point uniform over its area.
 LightSample sample_triangles(Surface surface, vec4 u) {
     uvec4 light = fetch_lights(pick_cell(u.x, frame.light_count));
     uint triangle = light.x;
@@ -96,18 +128,29 @@ LightSample sample_triangles(Surface surface, vec4 u) {
     float cos_light = -dot(normal, direction);
     vec3 ke = uintBitsToFloat(fetch_materials(MATERIAL_TEXELS * t.material + 2u).xyz);
     // Light leaves the front side alone; area becomes solid angle.
-    vec3 radiance = cos_light > 0.0 && distance2 > 0.0 ? ke * (cos_light * frame.light_area / distance2) : vec3(0.0);
-    return LightSample(ray, direction, triangle, radiance);
+    bool lit = cos_light > 0.0 && distance2 > 0.0;
+    float light_area = fetch_light_area(triangle);
+    vec3 radiance = lit ? ke * (cos_light * light_area / distance2) : vec3(0.0);
+    float density = lit ? lamp_density(light_area, distance2, cos_light) : 1.0;
+    return LightSample(ray, direction, triangle, radiance, density);
 }
 
-// One sample of all light: with both kinds present, half the samples go to each.
+// Probability that a light sample goes to the environment, or to a lamp.
+float choice_of(bool far) {
+    if (HAS_ENVIRONMENT && HAS_LIGHTS) {
+        return far ? frame.sky_probability : 1.0 - frame.sky_probability;
+    }
+    return 1.0;
+}
+
+// One sample of all light: of a lamp, or of the environment.
 LightSample sample_light(Surface surface, vec3 wo, vec4 u) {
-    bool lamps = HAS_LIGHTS && frame.light_count > 0u;
-    bool sky = shines_from_afar();
-    bool both = lamps && sky;
-    bool far = sky && (!lamps || u.x < 0.5);
-    float scale = both ? 2.0 : 1.0;
-    u.x = both ? 2.0 * u.x - (far ? 0.0 : 1.0) : u.x;
+    bool far = HAS_ENVIRONMENT;
+    if (HAS_ENVIRONMENT && HAS_LIGHTS) {
+        // What is left of the number after the choice is uniform again.
+        far = u.x < frame.sky_probability;
+        u.x = (far ? u.x : u.x - frame.sky_probability) / choice_of(far);
+    }
     LightSample light;
     if (HAS_ENVIRONMENT && (!HAS_LIGHTS || far)) {
         if (environment_is(ENVIRONMENT_LAT_LONG)) {
@@ -118,7 +161,8 @@ LightSample sample_light(Surface surface, vec3 wo, vec4 u) {
     } else {
         light = sample_triangles(surface, u);
     }
-    light.radiance *= scale;
+    light.radiance /= choice_of(far);
+    light.density *= choice_of(far);
     return light;
 }
 

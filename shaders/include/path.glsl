@@ -6,8 +6,6 @@
 #include "light.glsl"
 #include "random.glsl"
 
-const bool EXPLICIT = INTEGRATOR == INTEGRATOR_EXPLICIT;
-
 // The branch that a triangle's scattering is in.
 uint material_branch(uint triangle) { return triangle % MATERIAL_BRANCHES; }
 
@@ -17,7 +15,9 @@ struct Path {
     uint bounce;         // scattering events so far
     Ray ray;             // to the next vertex
     vec3 throughput;
-    bool sees_emission;  // whether light found by the ray counts
+    bool sees_emission;  // whether light found by the ray counts; with MIS it always does, in part
+    float density;       // with MIS: of the ray's direction over solid angle, or ONE_DIRECTION
+    float sky_density;   // with MIS: the same if a constant environment had been sampled for it
 };
 
 struct ShadowRay {
@@ -38,7 +38,7 @@ float shadow_limit(uint light) { return light == NO_TRIANGLE ? FARTHEST : 1.0; }
 
 Path begin_path(uint pixel, uint sample_index) {
     vec4 u = random4(pixel, sample_index, CAMERA_BLOCK, frame.seed);
-    return Path(pixel, sample_index, 0u, camera_ray(pixel, u), vec3(1.0), true);
+    return Path(pixel, sample_index, 0u, camera_ray(pixel, u), vec3(1.0), true, ONE_DIRECTION, 0.0);
 }
 
 Vertex ended(vec3 emission) {
@@ -49,10 +49,30 @@ Vertex ended(vec3 emission) {
     return Vertex(emission, none, false);
 }
 
+// Light that a sample may keep of one vertex, which is so many bounces from the camera. Biased: what is
+// brighter than the clamp and came by two bounces or more is dimmed to it.
+vec3 clamped(vec3 light, uint bounces) {
+    if (CLAMPS) {
+        float peak = max(max(light.r, light.g), light.b);
+        light *= bounces > 1u && peak > frame.radiance_clamp ? frame.radiance_clamp / peak : 1.0;
+    }
+    return light;
+}
+
 // The path left the scene.
 Vertex shade_miss(Path path) {
-    bool lit = shines_from_afar() && path.sees_emission;
-    return ended(lit ? path.throughput * environment_radiance(path.ray.direction) : vec3(0.0));
+    vec3 light = vec3(0.0);
+    if (shines_from_afar() && path.sees_emission) {
+        light = path.throughput * environment_radiance(path.ray.direction);
+        if (MIS) {
+            float density = path.sky_density;
+            if (environment_is(ENVIRONMENT_LAT_LONG)) {
+                density = lat_long_density(path.ray.direction);
+            }
+            light *= mis_weight(path.density, choice_of(true) * density);
+        }
+    }
+    return ended(clamped(light, path.bounce));
 }
 
 // Spends SHADING_COST dependent steps and yields 1: it stands for a costlier material.
@@ -93,6 +113,17 @@ Scatter scatter_in_branch(uint triangle, Surface surface, Material material, boo
     return scatter;
 }
 
+// Probability that a path goes on: its throughput as it would be outside, since glass scales radiance
+// up on the way in and down again on the way out.
+float survival_of(vec3 throughput, Surface surface, Material material, vec3 direction) {
+    float likely = max(max(throughput.r, throughput.g), throughput.b);
+    if (HAS_GLASS) {
+        bool inside = is_specular(material) && material.surface != SURFACE_MIRROR && side_of(surface, direction) < 0.0;
+        likely *= inside ? material.ni * material.ni : 1.0;
+    }
+    return min(1.0 - frame.roulette, likely);
+}
+
 // The path met a surface: it finds a lamp, or gathers light and scatters.
 Vertex shade_hit(inout Path path, Hit hit) {
     Surface surface = surface_at(hit);
@@ -100,7 +131,13 @@ Vertex shade_hit(inout Path path, Hit hit) {
     vec3 wo = -path.ray.direction;
     if (HAS_LIGHTS && material.surface == SURFACE_EMITTER) {
         bool lit = path.sees_emission && side_of(surface, wo) > 0.0;
-        return ended(lit ? path.throughput * material.ke : vec3(0.0));
+        vec3 light = path.throughput * material.ke;
+        if (MIS) {
+            float cos_light = dot(surface.geometric_normal, wo);
+            float density = lamp_density(fetch_light_area(hit.triangle), hit.distance * hit.distance, cos_light);
+            light *= mis_weight(path.density, choice_of(false) * density);
+        }
+        return ended(lit ? clamped(light, path.bounce) : vec3(0.0));
     }
     Vertex vertex = ended(vec3(0.0));
     if (!SCATTERS || (BOUNDED && path.bounce == frame.max_bounces)) {
@@ -109,22 +146,26 @@ Vertex shade_hit(inout Path path, Hit hit) {
     bool specular = is_specular(material);
 
     // Sample a light, unless the surface answers to one direction only.
-    if (EXPLICIT && CASTS_SHADOWS) {
+    if (INTEGRATOR != INTEGRATOR_IMPLICIT && CASTS_SHADOWS) {
         LightSample light = sample_light(surface, wo, random4(path.pixel, path.sample_index, light_block(path.bounce), frame.seed));
         float pdf;
         vec3 value = evaluate_glossy(material, surface, wo, light.direction, pdf);
         vertex.shadow.ray = light.ray;
         vertex.shadow.light = light.triangle;
-        vertex.shadow.radiance = specular ? vec3(0.0) : path.throughput * value * light.radiance;
+        vec3 radiance = path.throughput * value * light.radiance;
+        if (MIS) {
+            radiance *= mis_weight(light.density, pdf);
+        }
+        vertex.shadow.radiance = specular ? vec3(0.0) : clamped(radiance, path.bounce + 1u);
     }
     // A last bounce that is not specular has all its light now.
     if (EXPLICIT && BOUNDED && !specular && path.bounce + 1u == frame.max_bounces) {
         return vertex;
     }
 
-    // Stop with probability q.
+    // Stop with probability q, unless throughput is to decide.
     vec4 u = random4(path.pixel, path.sample_index, scatter_block(path.bounce), frame.seed);
-    if (HAS_ROULETTE) {
+    if (HAS_ROULETTE && !ROULETTE_BY_THROUGHPUT) {
         if (u.x < frame.roulette) {
             return vertex;
         }
@@ -138,6 +179,19 @@ Vertex shade_hit(inout Path path, Hit hit) {
         scatter = scatter_at(surface, material, specular, wo, u);
     }
     path.throughput *= scatter.weight;
+    if (HAS_ROULETTE && ROULETTE_BY_THROUGHPUT && path.bounce >= frame.roulette_from) {
+        float survival = survival_of(path.throughput, surface, material, scatter.direction);
+        if (u.x >= survival) {
+            return vertex;
+        }
+        path.throughput /= survival;
+    }
+    if (MIS) {
+        path.density = scatter.density;
+        if (environment_is(ENVIRONMENT_CONSTANT)) {
+            path.sky_density = constant_density(surface, wo, scatter.direction);
+        }
+    }
     path.ray = leave(surface, scatter.direction);
     path.bounce += 1u;
     path.sees_emission = !EXPLICIT || specular;

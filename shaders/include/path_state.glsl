@@ -2,36 +2,86 @@
 #ifndef PATH_STATE_GLSL
 #define PATH_STATE_GLSL
 #include "bindings_path.glsl"
+#include "halves.glsl"
 #include "path.glsl"
 
-uint pixel_of(uint slot) { return batch.first_pixel + slot % batch.pixel_count; }
-uint sample_of(uint slot) { return batch.first_sample + slot / batch.pixel_count; }
+// Samples of a pixel lie side by side: the lanes of a subgroup see much the same of the scene.
+uint pixel_of(uint slot) { return batch.first_pixel + slot / batch.sample_count; }
+uint sample_of(uint slot) { return batch.first_sample + slot % batch.sample_count; }
 
 // The half of the ray queue that the bounce reads; the other half takes what it appends.
 uint current_ray(uint place) { return ray_queue.paths[(batch.bounce & 1u) * frame.path_capacity + place]; }
 
+// The direction of a path's ray as the words of ray_directions have it.
+vec3 unpack_direction(uvec4 words) {
+    return HALF_STATE ? decode_direction(words.xy) : uintBitsToFloat(words.xyz);
+}
+
+// What the words of ray_directions hold of a path with HALF_STATE: 48 bits of direction, the throughput in
+// three halves, and two more: its densities with MIS, or whether light that the ray finds counts.
+uvec4 pack_path(Path path) {
+    uvec3 random = dither(path.ray.origin);
+    vec3 throughput = round_to_halves(path.throughput, random);
+    vec3 others = vec3(path.sees_emission ? 1.0 : 0.0, 0.0, 0.0);
+    if (MIS) {
+        others = round_to_halves(vec3(path.density, path.sky_density, 0.0), random.yzx);
+    }
+    uvec4 words = uvec4(encode_direction(path.ray.direction), packHalf2x16(throughput.xy), packHalf2x16(vec2(throughput.z, others.x)));
+    words.y |= packHalf2x16(vec2(0.0, others.y));
+    return words;
+}
+
+void unpack_path(uvec4 words, inout Path path) {
+    vec2 rest = unpackHalf2x16(words.w);
+    path.ray.direction = unpack_direction(words);
+    path.throughput = vec3(unpackHalf2x16(words.z), rest.x);
+    path.sees_emission = MIS || rest.y != 0.0;
+    // The largest half stands for all densities that are no smaller: nothing else can find that direction.
+    path.density = MIS && rest.y < LARGEST_HALF ? max(rest.y, SMALLEST_HALF) : ONE_DIRECTION;
+    path.sky_density = unpackHalf2x16(words.y).y;
+}
+
+// The path as memory would keep it, for a scheduler that keeps it in registers.
+Path kept(Path path) {
+    if (HALF_STATE) {
+        unpack_path(pack_path(path), path);
+    }
+    return path;
+}
+
 Ray load_ray(uint slot) {
     uvec4 origin = ray_origins.words[slot];
-    uvec4 direction = ray_directions.words[slot];
-    return Ray(uintBitsToFloat(origin.xyz), uintBitsToFloat(direction.xyz), origin.w);
+    return Ray(uintBitsToFloat(origin.xyz), unpack_direction(ray_directions.words[slot]), origin.w);
 }
 
 Path load_path(uint slot) {
-    Ray ray = load_ray(slot);
-    bool sees_emission = ray_directions.words[slot].w != 0u;
-    // Where nothing scatters, every ray is the camera's.
-    vec3 throughput = vec3(1.0);
-    if (SCATTERS) {
-        throughput = throughputs.rgb[slot].rgb;
+    Path path = Path(pixel_of(slot), sample_of(slot), batch.bounce, load_ray(slot), vec3(1.0), true, ONE_DIRECTION, 0.0);
+    uvec4 words = ray_directions.words[slot];
+    if (HALF_STATE) {
+        unpack_path(words, path);
+    } else {
+        path.sees_emission = MIS || words.w != 0u;
+        path.density = MIS ? uintBitsToFloat(words.w) : ONE_DIRECTION;
+        // Where nothing scatters, every ray is the camera's.
+        if (SCATTERS) {
+            vec4 throughput = throughputs.rgba[slot];
+            path.throughput = throughput.rgb;
+            path.sky_density = throughput.a;
+        }
     }
-    return Path(pixel_of(slot), sample_of(slot), batch.bounce, ray, throughput, sees_emission);
+    return path;
 }
 
 void store_path(uint slot, Path path) {
     ray_origins.words[slot] = uvec4(floatBitsToUint(path.ray.origin), path.ray.leaves);
-    ray_directions.words[slot] = uvec4(floatBitsToUint(path.ray.direction), path.sees_emission ? 1u : 0u);
-    if (SCATTERS) {
-        throughputs.rgb[slot] = vec4(path.throughput, 0.0);
+    if (HALF_STATE) {
+        ray_directions.words[slot] = pack_path(path);
+    } else {
+        uint word = MIS ? floatBitsToUint(path.density) : path.sees_emission ? 1u : 0u;
+        ray_directions.words[slot] = uvec4(floatBitsToUint(path.ray.direction), word);
+        if (SCATTERS) {
+            throughputs.rgba[slot] = vec4(path.throughput, MIS ? path.sky_density : 0.0);
+        }
     }
 }
 

@@ -28,8 +28,15 @@ layout(constant_id = SPEC_SCATTERS) const bool SCATTERS = true;
 layout(constant_id = SPEC_BOUNDED) const bool BOUNDED = true;
 layout(constant_id = SPEC_CASTS_SHADOWS) const bool CASTS_SHADOWS = true;
 layout(constant_id = SPEC_DEFERS_SHADOW_RAYS) const bool DEFERS_SHADOW_RAYS = true;
+layout(constant_id = SPEC_HALF_STATE) const bool HALF_STATE = false;
+layout(constant_id = SPEC_FIXED_OFFSETS) const bool FIXED_OFFSETS = false;
+layout(constant_id = SPEC_SOBOL) const bool SOBOL = false;
+layout(constant_id = SPEC_ROULETTE_BY_THROUGHPUT) const bool ROULETTE_BY_THROUGHPUT = false;
+layout(constant_id = SPEC_CLAMPS) const bool CLAMPS = false;
 layout(constant_id = SPEC_HAS_DISTANCE) const bool HAS_DISTANCE = true;
 
+const bool EXPLICIT = INTEGRATOR == INTEGRATOR_EXPLICIT;
+const bool MIS = INTEGRATOR == INTEGRATOR_MIS;
 const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
 const bool HAS_SPECULAR = HAS_MIRROR || HAS_GLASS;
 

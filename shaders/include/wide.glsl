@@ -102,6 +102,49 @@ uint next_node(uint node, uint inner, uint octant, inout Stack stack) {
     return none ? NO_NODE : child;
 }
 
+// Triangles that wait until enough lanes have some: in each group bits of those left to meet, from
+// `firsts` on, the newest group first. A group without bits is none.
+//
+// A lane that has found triangles would else wait for the others of its subgroup. It looks for more
+// meanwhile, and the few nodes that a nearer hit would have spared it cost less than its waiting.
+struct Postponed {
+    uvec3 groups;
+    uvec3 firsts;
+};
+
+Postponed none_postponed() { return Postponed(uvec3(0u), uvec3(0u)); }
+
+bool is_full(Postponed triangles, uint capacity) { return triangles.groups[capacity - 1u] != 0u; }
+
+bool any_left(Postponed triangles) { return triangles.groups.x != 0u; }
+
+void postpone(inout Postponed triangles, uint group, uint first) {
+    bool found = group != 0u;
+    triangles.groups = found ? uvec3(group, triangles.groups.xy) : triangles.groups;
+    triangles.firsts = found ? uvec3(first, triangles.firsts.xy) : triangles.firsts;
+}
+
+uint take_triangle(inout Postponed triangles) {
+    uint triangle = triangles.firsts.x + findLSB(triangles.groups.x);
+    triangles.groups.x &= triangles.groups.x - 1u;
+    bool spent = triangles.groups.x == 0u;
+    triangles.groups = spent ? uvec3(triangles.groups.yz, 0u) : triangles.groups;
+    triangles.firsts = spent ? uvec3(triangles.firsts.yz, 0u) : triangles.firsts;
+    return triangle;
+}
+
+// Visits nodes from `node` on, until `capacity` groups of triangles are found or no node is left.
+Postponed find_triangles(inout uint node, inout Stack stack, GridRay grid, float limit, uint capacity) {
+    Postponed triangles = none_postponed();
+    while (!is_full(triangles, capacity) && node != NO_NODE) {
+        uint first_triangle;
+        uint hits = meet_children(node, grid, limit, first_triangle);
+        postpone(triangles, hits & ((1u << WIDE_INNER_BIT) - 1u), first_triangle);
+        node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
+    }
+    return triangles;
+}
+
 Hit trace_closest_wide(Ray ray) {
     GridRay grid = grid_ray(ray);
     RaySpace space = ray_space(ray.direction);
@@ -109,16 +152,9 @@ Hit trace_closest_wide(Ray ray) {
     Stack stack = empty_stack();
     uint node = 0u;
     while (node != NO_NODE) {
-        uint triangles = 0u;
-        uint first_triangle = 0u;
-        while (triangles == 0u && node != NO_NODE) {
-            uint hits = meet_children(node, grid, nearest.hit.distance, first_triangle);
-            triangles = hits & ((1u << WIDE_INNER_BIT) - 1u);
-            node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
-        }
-        while (triangles != 0u) {
-            meet_triangle(first_triangle + findLSB(triangles), ray, space, nearest);
-            triangles &= triangles - 1u;
+        Postponed triangles = find_triangles(node, stack, grid, nearest.hit.distance, CLOSEST_GROUPS);
+        while (any_left(triangles)) {
+            meet_triangle(take_triangle(triangles), ray, space, nearest);
         }
     }
     return nearest.hit;
@@ -131,17 +167,10 @@ bool trace_any_wide(Ray ray, uint target, float limit) {
     Stack stack = empty_stack();
     uint node = 0u;
     while (node != NO_NODE) {
-        uint triangles = 0u;
-        uint first_triangle = 0u;
-        while (triangles == 0u && node != NO_NODE) {
-            uint hits = meet_children(node, grid, limit, first_triangle);
-            triangles = hits & ((1u << WIDE_INNER_BIT) - 1u);
-            node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
-        }
-        while (triangles != 0u) {
-            uint triangle = first_triangle + findLSB(triangles);
+        Postponed triangles = find_triangles(node, stack, grid, limit, ANY_GROUPS);
+        while (any_left(triangles)) {
+            uint triangle = take_triangle(triangles);
             blocked = blocks(triangle, fetch_triangle(triangle), ray, space, target, limit) || blocked;
-            triangles &= triangles - 1u;
         }
         node = blocked ? NO_NODE : node;
     }

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use glam::{Vec3, Vec3Swizzles};
 
 use super::{Bvh, BvhKind};
-use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE, WIDE_INNER_BIT};
+use crate::constants::{ANY_GROUPS, CLOSEST_GROUPS, LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE, WIDE_INNER_BIT};
 use crate::layout::{Node, Triangle};
 
 /// A ray of normalised space. The direction need not be unit.
@@ -103,13 +103,13 @@ fn enter_box(low: [f32; 3], high: [f32; 3], origin: Vec3, inverse: Vec3, limit: 
 }
 
 /// Visits the triangles, by place in leaf order, of leaves that the ray enters nearer than `limit`:
-/// nearer children first, as the kernels do. `visit` gives the limit from there on, or breaks the
-/// walk off.
-fn walk(bvh: &Bvh, ray: &Ray, limit: f32, visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
+/// nearer children first and, of wide nodes, `groups` nodes' at once, as the kernels do. `visit` gives
+/// the limit from there on, or breaks the walk off.
+fn walk(bvh: &Bvh, ray: &Ray, limit: f32, groups: u32, visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
     match bvh.kind {
         BvhKind::List => walk_list(&bvh.order, visit),
         BvhKind::Bvh2 => walk_binary(bvh.binary_nodes(), ray, limit, visit),
-        BvhKind::Bvh4 | BvhKind::Cwbvh => walk_wide(bvh, ray, limit, visit),
+        BvhKind::Bvh4 | BvhKind::Cwbvh => walk_wide(bvh, ray, limit, groups, visit),
     }
 }
 
@@ -157,12 +157,20 @@ fn walk_binary(
 /// As in `wide.glsl`.
 const PLANE_ERROR: f32 = 8.0 * 5.960_464_5e-8;
 
-fn walk_wide(bvh: &Bvh, ray: &Ray, mut limit: f32, mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
+fn walk_wide(
+    bvh: &Bvh,
+    ray: &Ray,
+    mut limit: f32,
+    groups: u32,
+    mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>,
+) -> Work {
     let inverse = safe_inverse(ray.direction);
     let octant = (0..3).fold(0, |octant, axis| octant << 1 | u32::from(inverse[axis] >= 0.0));
     // Nodes with inner children left to visit, a bit for each, the nearest one highest.
     let mut stack: Vec<(u32, u32)> = Vec::new();
     let mut next = Some(0);
+    // Triangles that wait, and of how many nodes they are.
+    let (mut postponed, mut waiting) = (Vec::new(), 0);
     let mut work = Work::default();
     while let Some(node) = next {
         work.nodes += 1;
@@ -179,14 +187,18 @@ fn walk_wide(bvh: &Bvh, ray: &Ray, mut limit: f32, mut visit: impl FnMut(&[u32])
             let links = bvh.wide_node(parent)[1][0];
             (links >> 8) + (links & 0xff & ((1 << (nearest ^ octant)) - 1)).count_ones()
         });
-        work.triangles += triangles.len() as u64;
-        if triangles.is_empty() {
+        waiting += u32::from(!triangles.is_empty());
+        postponed.extend(triangles);
+        if postponed.is_empty() || (waiting < groups && next.is_some()) {
             continue;
         }
-        match visit(&triangles) {
+        work.triangles += postponed.len() as u64;
+        match visit(&postponed) {
             ControlFlow::Continue(nearer) => limit = nearer,
             ControlFlow::Break(()) => break,
         }
+        postponed.clear();
+        waiting = 0;
     }
     work
 }
@@ -229,7 +241,7 @@ pub fn trace_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> Option<Hit
 pub fn count_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> (Option<Hit>, Work) {
     let mut nearest = Hit { triangle: NO_TRIANGLE, barycentrics: [0.0; 2], distance: f32::MAX };
     let mut nearest_original = NO_TRIANGLE;
-    let work = walk(bvh, ray, nearest.distance, |leaf| {
+    let work = walk(bvh, ray, nearest.distance, CLOSEST_GROUPS, |leaf| {
         for &place in leaf {
             let triangle = &triangles[place as usize];
             let Some((distance, barycentrics)) = intersect_triangle(ray, triangle) else { continue };
@@ -253,7 +265,7 @@ pub fn trace_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limi
 /// [`trace_any`], and the work that it was.
 pub fn count_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> (bool, Work) {
     let mut blocked = false;
-    let work = walk(bvh, ray, limit, |leaf| {
+    let work = walk(bvh, ray, limit, ANY_GROUPS, |leaf| {
         for &place in leaf {
             let hit = intersect_triangle(ray, &triangles[place as usize]);
             blocked |= hit.is_some_and(|(distance, _)| distance < limit) && place != ray.leaves && place != target;

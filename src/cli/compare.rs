@@ -262,7 +262,9 @@ impl Progress {
                 let step = match (purpose, round) {
                     (Purpose::First, _) => "first render".to_owned(),
                     (Purpose::Counting, _) => "counting".to_owned(),
-                    (Purpose::Timed, round) => format!("round {}", round.map_or(0, |round| round + 1)),
+                    (Purpose::Timed | Purpose::Seeded(_), round) => {
+                        format!("round {}", round.map_or(0, |round| round + 1))
+                    }
                 };
                 self.bar.set_message(format!("{scene}: {step}: {label}"));
                 self.bar.tick();

@@ -19,9 +19,10 @@ use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceDescription, DeviceKind};
 use crate::layout::WorkCount;
 use crate::render::{
-    Fetch, Outcome, PrepareError, PreparedScene, Scheduler, Session, SessionOptions, Settings, ShadowRays, Sort,
+    Fetch, Offsets, Outcome, PathState, PrepareError, PreparedScene, RouletteMode, Scheduler, Session, SessionOptions,
+    Settings, ShadowRays, Sort,
 };
-use crate::scene::{Integrator, Scene};
+use crate::scene::{Integrator, Sampler, Scene};
 use crate::studies::{
     BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
     SceneFacts, StageWork, WorkCounters,
@@ -60,6 +61,10 @@ impl OpenScene {
         }
     }
 }
+
+/// Samples that a session is planned for that renders fewer as well: enough for all paths that a device
+/// takes at once, so that no number of samples runs with fewer than it could.
+const ROOMY_SAMPLES: u32 = 64;
 
 /// The order in which a bounce runs its kernels, for tables.
 const KERNEL_ORDER: [&str; 11] = [
@@ -133,6 +138,7 @@ impl DeviceRenderer {
                 let session = self.sessions.get_mut(&key).context("a configuration is timed after its first render")?;
                 Ok(measurement(&settings, &session.render(|_| ControlFlow::Continue(()))?))
             }
+            Purpose::Seeded(seed) => self.render_seeded(settings, &configuration.without("samples").to_string(), seed),
             Purpose::Counting => {
                 let options = SessionOptions { counting: true, ..SessionOptions::default() };
                 let lanes = self.device.description().subgroup_size;
@@ -161,6 +167,27 @@ impl DeviceRenderer {
         if self.start_ups > 0 {
             self.start_up(&settings, &mut measured);
         }
+        Ok(measured)
+    }
+
+    /// A render by the random numbers of a seed, with the session that all numbers of samples share.
+    fn render_seeded(&mut self, settings: Settings, key: &str, seed: u32) -> anyhow::Result<Measurement> {
+        let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
+        let device = self.device.description();
+        let prepared = scene.prepare(&settings, device.subgroup_size)?;
+        if !self.sessions.contains_key(key) {
+            let held: u64 = self.sessions.values().map(Session::memory_bytes).sum();
+            if held > device.memory_bytes / 2 {
+                self.sessions.clear();
+            }
+            let roomy = Settings { samples: settings.samples.max(ROOMY_SAMPLES), ..settings };
+            self.sessions.insert(key.to_owned(), Session::new(&self.device, prepared, &roomy)?);
+        }
+        let session = self.sessions.get_mut(key).context("the session is open")?;
+        session.reseed(prepared, seed, settings.samples)?;
+        let outcome = session.render(|_| ControlFlow::Continue(()))?;
+        let mut measured = measurement(&settings, &outcome);
+        measured.image = Some(outcome.film.mean());
         Ok(measured)
     }
 
@@ -234,6 +261,16 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("scheduler", "megakernel") => settings.scheduler = Some(Scheduler::Megakernel),
             ("integrator", "implicit") => settings.integrator = Integrator::Implicit,
             ("integrator", "explicit") => settings.integrator = Integrator::Explicit,
+            ("samples", _) => settings.samples = count()?,
+            ("max-bounces", _) => settings.max_bounces = Some(count()?),
+            ("roulette", _) => settings.roulette = level.parse().context("its levels are numbers")?,
+            ("integrator", "mis") => settings.integrator = Integrator::Mis,
+            ("clamp", "off") => settings.clamp = None,
+            ("clamp", _) => settings.clamp = Some(level.parse().context("its levels are numbers")?),
+            ("sampler", "independent") => settings.sampler = Sampler::Independent,
+            ("sampler", "sobol") => settings.sampler = Sampler::Sobol,
+            ("roulette-mode", "constant") => settings.roulette_mode = RouletteMode::Constant,
+            ("roulette-mode", "throughput") => settings.roulette_mode = RouletteMode::Throughput,
             ("in-flight", _) => settings.in_flight = Some(count()?),
             ("workgroup", _) => settings.workgroup_size = Some(count()?),
             ("paths-per-invocation", _) => settings.paths_per_invocation = Some(count()?),
@@ -246,6 +283,10 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("sort", "material") => settings.sort = Sort::Material,
             ("shadow-rays", "deferred") => settings.shadow_rays = ShadowRays::Deferred,
             ("shadow-rays", "at-once") => settings.shadow_rays = ShadowRays::AtOnce,
+            ("path-state", "f32") => settings.path_state = PathState::F32,
+            ("path-state", "f16") => settings.path_state = PathState::F16,
+            ("offsets", "robust") => settings.offsets = Offsets::Robust,
+            ("offsets", "fixed") => settings.offsets = Offsets::Fixed,
             ("fast-math", _) => settings.fast_math = level == "on",
             ("specialize", _) => settings.specialize = level == "on",
             ("shading-cost", _) => settings.shading_cost = count()?,
@@ -332,8 +373,9 @@ fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
     let statistics = &outcome.statistics;
     let samples = statistics.sample_count;
     let rays = samples + statistics.bounce_rays;
-    // Paths that never scatter keep no throughput.
-    let throughput = if settings.specialize && settings.max_bounces == Some(0) { 0 } else { 16 };
+    // Paths that never scatter keep no throughput, and with halves it lies beside the direction.
+    let unscattered = settings.specialize && settings.max_bounces == Some(0);
+    let throughput = if unscattered || settings.path_state == PathState::F16 { 0 } else { 16 };
     // Generate writes origin, direction, throughput, radiance and a queue entry.
     let generated = (3 * 16 + throughput + 4) * samples;
     // At most all shadow rays reach the light, and then read and write a radiance.

@@ -10,10 +10,12 @@ mod dump_rays;
 mod info;
 mod measure;
 mod picture;
+mod reference;
 mod render;
 mod replay;
 mod stability;
 mod start_up;
+pub mod tradeoff;
 mod tune;
 mod tuning;
 
@@ -47,6 +49,7 @@ enum Command {
     Info(info::InfoArguments),
     Diff(diff::DiffArguments),
     Compare(Box<compare::CompareArguments>),
+    Tradeoff(Box<tradeoff::TradeoffArguments>),
     StartUp(start_up::StartUpArguments),
     #[command(hide = true)]
     FirstSample(start_up::FirstSampleArguments),
@@ -92,6 +95,11 @@ pub fn main() -> ExitCode {
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments, |arguments| {
             let renderer = measure::DeviceRenderer::new(&arguments.picture, arguments.start_ups, arguments.quiet)?;
+            let provenance = Provenance { clocks: arguments.clocks.clone(), ..renderer.sign(compare::provenance()) };
+            Ok((Box::new(renderer), provenance))
+        }),
+        Command::Tradeoff(arguments) => tradeoff::run(&arguments, |arguments| {
+            let renderer = measure::DeviceRenderer::new(&arguments.picture, 0, arguments.quiet)?;
             let provenance = Provenance { clocks: arguments.clocks.clone(), ..renderer.sign(compare::provenance()) };
             Ok((Box::new(renderer), provenance))
         }),

@@ -5,8 +5,10 @@ use clap::ValueEnum;
 use super::open_device;
 use crate::bvh::BvhKind;
 use crate::gpu::Device;
-use crate::render::{Fetch, MAX_MATERIAL_BRANCHES, Scheduler, Settings, ShadowRays, Sort};
-use crate::scene::{Integrator, Scene};
+use crate::render::{
+    Fetch, MAX_MATERIAL_BRANCHES, Offsets, PathState, RouletteMode, Scheduler, Settings, ShadowRays, Sort,
+};
+use crate::scene::{Integrator, Sampler, Scene};
 
 /// Arguments that say what a pixel is, in place of what the scene says.
 #[derive(Debug, Clone, clap::Args)]
@@ -20,6 +22,9 @@ pub struct PictureArguments {
     /// Samples per pixel
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     samples: Option<u32>,
+    /// Settings from a measured front of error against time, where the command line does not say
+    #[arg(long, value_name = "NAME")]
+    quality: Option<QualityName>,
     /// Scattering events between camera and light; -1 is unbounded and needs a roulette
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(-1..=1_000_000))]
     max_bounces: Option<i64>,
@@ -29,6 +34,18 @@ pub struct PictureArguments {
     /// Probability of stopping at each vertex, in [0, 1)
     #[arg(long, value_name = "Q", allow_negative_numbers = true)]
     roulette: Option<f64>,
+    /// How a roulette decides; the image stays the same up to noise
+    #[arg(long, value_name = "NAME")]
+    roulette_mode: Option<RouletteModeName>,
+    /// First vertex at which a roulette by throughput may stop a path; 0 is what the camera sees
+    #[arg(long, value_name = "VERTEX", default_value_t = Settings::ROULETTE_FROM)]
+    roulette_from: u32,
+    /// Where random numbers come from
+    #[arg(long, value_name = "NAME")]
+    sampler: Option<SamplerName>,
+    /// Most radiance that indirect light may bring to a sample by one vertex; BIASED: the image loses light
+    #[arg(long, value_name = "RADIANCE", allow_negative_numbers = true)]
+    clamp: Option<f64>,
     /// Seed of the random numbers
     #[arg(long, default_value_t = 0)]
     seed: u32,
@@ -68,6 +85,12 @@ pub struct PictureArguments {
     /// Paths that an invocation of the megakernel follows one after the other; above 1 no path waits for its subgroup's longest
     #[arg(long, value_name = "PATHS", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     paths_per_invocation: Option<u32>,
+    /// How exactly the state of a path is kept between its vertices
+    #[arg(long, value_name = "NAME", default_value = "f32")]
+    path_state: PathStateName,
+    /// How rays are kept from hitting the surface that they leave
+    #[arg(long, value_name = "NAME", default_value = "robust")]
+    offsets: OffsetsName,
     /// Let the driver fuse and reorder arithmetic: images are no longer equal to the last bit
     #[arg(long)]
     fast_math: bool,
@@ -85,12 +108,61 @@ pub enum Switch {
     On,
 }
 
+/// Points of the fronts that `raywave tradeoff` measured; see docs/studies.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum QualityName {
+    /// A few samples and bounces, for looking around; BIASED: light of later bounces is missing
+    Draft,
+    /// For looking at: no bias
+    Balanced,
+    /// For measuring against: no bias
+    Reference,
+}
+
+impl QualityName {
+    /// The scene's settings at this quality.
+    fn of(self, given: Settings) -> Settings {
+        let (integrator, sampler) = (Integrator::Mis, Sampler::Sobol);
+        let samples = match self {
+            Self::Draft => 4,
+            Self::Balanced => 64,
+            Self::Reference => 4096,
+        };
+        let max_bounces = match self {
+            Self::Draft => Some(given.max_bounces.map_or(DRAFT_BOUNCES, |bounces| bounces.min(DRAFT_BOUNCES))),
+            Self::Balanced | Self::Reference => given.max_bounces,
+        };
+        Settings { samples, integrator, sampler, max_bounces, roulette_mode: RouletteMode::Throughput, ..given }
+    }
+}
+
+/// Bounces of a draft at most.
+const DRAFT_BOUNCES: u32 = 4;
+
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum IntegratorName {
     /// BRDF importance sampling alone
     Implicit,
     /// A light sample at every vertex
     Explicit,
+    /// Both, weighted by their densities: the power heuristic
+    Mis,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum RouletteModeName {
+    /// Every vertex stops the path with probability q
+    Constant,
+    /// Paths survive by their throughput, and by 1 - q at most
+    Throughput,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum SamplerName {
+    /// Numbers that know nothing of each other
+    Independent,
+    /// An Owen-scrambled Sobol sequence in each pixel
+    Sobol,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -141,13 +213,29 @@ enum ShadowRaysName {
     AtOnce,
 }
 
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum PathStateName {
+    /// In floats
+    F32,
+    /// Throughput in halves, rounded at random, and directions in 48 bits: less memory, the same image in expectation
+    F16,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum OffsetsName {
+    /// By a bound of the rounding error, and the triangle is remembered
+    Robust,
+    /// By 1e-4 of the scene; BIASED where surfaces are closer than that
+    Fixed,
+}
+
 impl PictureArguments {
     /// The scene's settings, with what the command line says instead.
     ///
     /// # Errors
     /// Settings that make no sense together.
     pub fn settings(&self, scene: &Scene) -> anyhow::Result<Settings> {
-        let given = Settings::of(scene);
+        let given = self.quality.map_or(Settings::of(scene), |quality| quality.of(Settings::of(scene)));
         let settings = Settings {
             width: self.width.unwrap_or(given.width),
             height: self.height.unwrap_or(given.height),
@@ -155,10 +243,23 @@ impl PictureArguments {
             integrator: match self.integrator {
                 Some(IntegratorName::Implicit) => Integrator::Implicit,
                 Some(IntegratorName::Explicit) => Integrator::Explicit,
+                Some(IntegratorName::Mis) => Integrator::Mis,
                 None => given.integrator,
             },
             max_bounces: self.max_bounces.map_or(given.max_bounces, |bounces| u32::try_from(bounces).ok()),
             roulette: self.roulette.unwrap_or(given.roulette),
+            roulette_mode: match self.roulette_mode {
+                Some(RouletteModeName::Constant) => RouletteMode::Constant,
+                Some(RouletteModeName::Throughput) => RouletteMode::Throughput,
+                None => given.roulette_mode,
+            },
+            roulette_from: self.roulette_from,
+            sampler: match self.sampler {
+                Some(SamplerName::Independent) => Sampler::Independent,
+                Some(SamplerName::Sobol) => Sampler::Sobol,
+                None => given.sampler,
+            },
+            clamp: self.clamp,
             seed: self.seed,
             scheduler: self.scheduler.map(|name| match name {
                 SchedulerName::Wavefront => Scheduler::Wavefront,
@@ -179,6 +280,14 @@ impl PictureArguments {
                 ShadowRaysName::AtOnce => ShadowRays::AtOnce,
             },
             paths_per_invocation: self.paths_per_invocation,
+            path_state: match self.path_state {
+                PathStateName::F32 => PathState::F32,
+                PathStateName::F16 => PathState::F16,
+            },
+            offsets: match self.offsets {
+                OffsetsName::Robust => Offsets::Robust,
+                OffsetsName::Fixed => Offsets::Fixed,
+            },
             fast_math: self.fast_math,
             fetch: self.fetch.map(Into::into),
             tuned: false,
@@ -186,6 +295,11 @@ impl PictureArguments {
         };
         settings.validate()?;
         Ok(settings)
+    }
+
+    /// Whether the command line says how many samples there are.
+    pub fn has_samples(&self) -> bool {
+        self.samples.is_some() || self.quality.is_some()
     }
 
     /// Opens the device that is wanted, or the best one.
@@ -212,6 +326,23 @@ pub fn integrator_name(integrator: Integrator) -> &'static str {
     match integrator {
         Integrator::Implicit => "implicit",
         Integrator::Explicit => "explicit",
+        Integrator::Mis => "mis",
+    }
+}
+
+/// Name of a way that a roulette decides, as the command line has it.
+pub fn roulette_mode_name(mode: RouletteMode) -> &'static str {
+    match mode {
+        RouletteMode::Constant => "constant",
+        RouletteMode::Throughput => "throughput",
+    }
+}
+
+/// Name of a sampler, as the command line and the scene file have it.
+pub fn sampler_name(sampler: Sampler) -> &'static str {
+    match sampler {
+        Sampler::Independent => "independent",
+        Sampler::Sobol => "sobol",
     }
 }
 
@@ -250,6 +381,22 @@ pub fn fetch_name(fetch: Fetch) -> &'static str {
     match fetch {
         Fetch::Texel => "texel",
         Fetch::Storage => "storage",
+    }
+}
+
+/// Name of how exactly path state is kept, as the command line has it.
+pub fn path_state_name(path_state: PathState) -> &'static str {
+    match path_state {
+        PathState::F32 => "f32",
+        PathState::F16 => "f16",
+    }
+}
+
+/// Name of a way to leave surfaces, as the command line has it.
+pub fn offsets_name(offsets: Offsets) -> &'static str {
+    match offsets {
+        Offsets::Robust => "robust",
+        Offsets::Fixed => "fixed",
     }
 }
 

@@ -13,12 +13,13 @@ use serde_json::{Map, Value, json};
 use crate::export::plain;
 use crate::film::{Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
 use crate::gpu::DeviceDescription;
-use crate::render::{Fault, Fetch, PreparedScene, Progress, Session, Settings, Statistics, find_faults};
+use crate::render::{Fault, Fetch, Offsets, PreparedScene, Progress, Session, Settings, Statistics, find_faults};
 use crate::scene::Scene;
 
 use super::devices::kind_name;
 use super::picture::{
-    PictureArguments, bvh_name, fetch_name, integrator_name, scheduler_name, shadow_rays_name, sort_name,
+    PictureArguments, bvh_name, fetch_name, integrator_name, offsets_name, path_state_name, roulette_mode_name,
+    sampler_name, scheduler_name, shadow_rays_name, sort_name,
 };
 use super::tuning::{self, Tuning};
 use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
@@ -169,6 +170,11 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "integrator": integrator_name(settings.integrator),
         "max_bounces": settings.max_bounces.map_or(-1, i64::from),
         "roulette": settings.roulette,
+        "roulette_mode": roulette_mode_name(settings.roulette_mode),
+        "roulette_from_vertex": settings.roulette_from,
+        "sampler": sampler_name(settings.sampler),
+        "clamp_radiance": settings.clamp,
+        "biased_by": settings.biased_by(),
         "seed": settings.seed,
         "scheduler": scheduler_name(statistics.scheduler),
         "shading_cost_steps": settings.shading_cost,
@@ -176,6 +182,8 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "sort": sort_name(settings.sort),
         "shadow_rays": shadow_rays_name(settings.shadow_rays),
         "paths_per_invocation": statistics.paths_per_invocation,
+        "path_state": path_state_name(settings.path_state),
+        "offsets": offsets_name(settings.offsets),
         "fast_math": settings.fast_math,
         "specialize": settings.specialize,
         "paths_in_flight": statistics.paths_in_flight,
@@ -317,6 +325,14 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
         statistics.sample_count as f64 / seconds / 1e6,
         statistics.rays() as f64 / seconds / 1e6,
     );
+    if let Some(clamp) = settings.clamp {
+        eprintln!("warning: the image is biased: indirect light is clamped at a radiance of {clamp}");
+    }
+    if settings.offsets == Offsets::Fixed {
+        eprintln!(
+            "warning: the image is biased: surfaces closer to each other than 1e-4 of the scene are not told apart"
+        );
+    }
     if statistics.nonfinite_samples > 0 {
         warn_of_faults(statistics.nonfinite_samples, report.faults);
     }

@@ -86,7 +86,7 @@ fn cells(
     cells.into_iter().map(|(name, value)| (name.replace('-', "_"), value)).collect()
 }
 
-fn line<'a>(cells: impl Iterator<Item = &'a str>) -> String {
+pub fn line<'a>(cells: impl Iterator<Item = &'a str>) -> String {
     cells.map(quote).collect::<Vec<_>>().join(",") + "\r\n"
 }
 

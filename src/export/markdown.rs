@@ -4,13 +4,33 @@ use serde_json::Value;
 
 use super::numbers::{Unit, count, interval, ratio, seconds};
 use super::{Document, plain};
-use crate::studies::{Clock, CombinationReport, CrossingDirection, SceneReport};
+use crate::studies::{Clock, CombinationReport, CrossingDirection, Provenance, SceneReport};
 
 /// A table for each scene, and what to distrust below it.
 pub fn write(document: &Document<'_>) -> String {
-    let (provenance, report) = (document.provenance, document.report);
+    let report = document.report;
+    let mut text = head("compare", document.provenance);
+    if !report.complete {
+        text += "**The study was not finished; this is what it has so far.**\n\n";
+    }
+    text += &format!(
+        "Medians of the {} clock with {:.0} % bootstrap intervals. A ratio is time over the baseline's: below 1 is faster.\n",
+        match report.clock {
+            Clock::Wall => "host's",
+            Clock::Gpu => "device's",
+        },
+        100.0 * report.confidence,
+    );
+    for scene in &report.scenes {
+        text += &scene_text(scene);
+    }
+    text
+}
+
+/// A title and where a study comes from.
+pub fn head(command: &str, provenance: &Provenance) -> String {
     let mut text = format!(
-        "# raywave compare\n\n{}, {}; raywave {}, built by {}; {}\n\n",
+        "# raywave {command}\n\n{}, {}; raywave {}, built by {}; {}\n\n",
         escape(&provenance.device),
         escape(&provenance.driver),
         provenance.raywave_version,
@@ -30,20 +50,6 @@ pub fn write(document: &Document<'_>) -> String {
         let setting = |(key, value): (&String, &Value)| format!("{} {}", escape(key), escape(&plain(value)));
         let settings: Vec<String> = provenance.settings.iter().map(setting).collect();
         text += &format!("In all of it: {}\n\n", settings.join(", "));
-    }
-    if !report.complete {
-        text += "**The study was not finished; this is what it has so far.**\n\n";
-    }
-    text += &format!(
-        "Medians of the {} clock with {:.0} % bootstrap intervals. A ratio is time over the baseline's: below 1 is faster.\n",
-        match report.clock {
-            Clock::Wall => "host's",
-            Clock::Gpu => "device's",
-        },
-        100.0 * report.confidence,
-    );
-    for scene in &report.scenes {
-        text += &scene_text(scene);
     }
     text
 }

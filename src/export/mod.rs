@@ -11,6 +11,7 @@ pub mod heatmap;
 mod html;
 mod markdown;
 pub(crate) mod numbers;
+mod tradeoff;
 
 use std::path::{Path, PathBuf};
 
@@ -20,6 +21,7 @@ use serde_json::Value;
 pub use envelope::EnvelopeDocument;
 pub use error::ExportError;
 pub use html::Page;
+pub use tradeoff::TradeoffDocument;
 
 use crate::studies::{Provenance, Report};
 use crate::whole_file;
@@ -50,6 +52,36 @@ impl Document<'_> {
     /// A table for each scene, as Markdown.
     pub fn markdown(&self) -> String {
         markdown::write(self)
+    }
+}
+
+/// What can be written in every format.
+pub trait Exported {
+    /// Everything, as JSON.
+    fn json(&self) -> String;
+    /// Rows, as CSV.
+    fn csv(&self) -> String;
+    /// Tables, as Markdown.
+    fn markdown(&self) -> String;
+    /// A page of HTML.
+    fn html(&self, page: &mut Page) -> String;
+}
+
+impl Exported for Document<'_> {
+    fn json(&self) -> String {
+        self.json()
+    }
+
+    fn csv(&self) -> String {
+        self.csv()
+    }
+
+    fn markdown(&self) -> String {
+        self.markdown()
+    }
+
+    fn html(&self, page: &mut Page) -> String {
+        page.html(self)
     }
 }
 
@@ -96,13 +128,13 @@ impl Exports {
     ///
     /// # Errors
     /// A file that cannot be written any more, such as on a full disk. Those before it are written.
-    pub fn write(&mut self, document: &Document<'_>) -> Result<(), ExportError> {
+    pub fn write(&mut self, document: &dyn Exported) -> Result<(), ExportError> {
         for (format, path) in &self.files {
             let text = match format {
                 Format::Json => document.json(),
                 Format::Csv => document.csv(),
                 Format::Markdown => document.markdown(),
-                Format::Html => self.page.html(document),
+                Format::Html => document.html(&mut self.page),
             };
             whole_file::write(path, |file| file.write_all(text.as_bytes())).map_err(unwritable(path))?;
         }

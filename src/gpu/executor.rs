@@ -117,6 +117,16 @@ impl Executor {
         let wanted = description
             .access
             .unwrap_or(Access { texel_fetch: limits.kind == super::DeviceKind::Cpu, subgroup_ballot: true });
+        let access = Access { subgroup_ballot: wanted.subgroup_ballot && limits.subgroup_ballot, ..wanted };
+        let specialized = |access| -> Vec<_> {
+            let variants =
+                description.kernels.iter().map(|kernel| (kernel.name, kernel.variant(description.edition, access)));
+            variants.map(|(name, variant)| (name, variant.specialize(description.specialization))).collect()
+        };
+        // What kernels bind does not depend on how they reach it, and what none binds takes no memory.
+        let kernels = specialized(access);
+        let bound: HashSet<_> = kernels.iter().flat_map(|(_, kernel)| &kernel.bindings).map(|b| b.name).collect();
+        description.buffers.retain(|role| bound.contains(role.name));
         let memory = MemoryLimits {
             storage_buffer_bytes: limits.max_storage_buffer_bytes,
             texels: limits.max_texel_buffer_elements,
@@ -124,18 +134,10 @@ impl Executor {
             used_bytes: device.used_memory(),
         };
         let MemoryPlan { texel_fetch, bytes } =
-            plan_memory(&description.buffers, STAGING_BYTES, wanted.texel_fetch, &memory)?;
-        let access = Access { texel_fetch, subgroup_ballot: wanted.subgroup_ballot && limits.subgroup_ballot };
-        let kernels: Vec<_> = description
-            .kernels
-            .iter()
-            .map(|kernel| {
-                let variant = kernel.variant(description.edition, access);
-                (kernel.name, variant.specialize(description.specialization))
-            })
-            .collect();
-        let bound: HashSet<_> = kernels.iter().flat_map(|(_, kernel)| &kernel.bindings).map(|b| b.name).collect();
-        description.buffers.retain(|role| bound.contains(role.name));
+            plan_memory(&description.buffers, STAGING_BYTES, access.texel_fetch, &memory)?;
+        let kernels =
+            if texel_fetch == access.texel_fetch { kernels } else { specialized(Access { texel_fetch, ..access }) };
+        let access = Access { texel_fetch, ..access };
 
         let pipelines = Pipelines::new(shared, kernels, description.specialization)?;
         let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;

@@ -6,5 +6,6 @@
 
 pub mod optics;
 mod path;
+pub mod sobol;
 
 pub use path::{Path, Reference, pcg4d};

@@ -7,10 +7,12 @@
 
 use std::f64::consts::TAU;
 
-use super::optics;
-use crate::render::Settings;
-use crate::scene::{Environment, Integrator, Material, NONE, Scene, Surface};
 use glam::{DVec2, DVec3};
+
+use super::optics;
+use super::sobol::sobol4;
+use crate::render::{RouletteMode, Settings};
+use crate::scene::{Environment, Integrator, Material, NONE, Sampler, Scene, Surface};
 
 /// A scene as paths are followed through it.
 pub struct Reference<'a> {
@@ -18,8 +20,8 @@ pub struct Reference<'a> {
     settings: Settings,
     facets: Vec<Facet>,
     lamps: Vec<Lamp>,
-    /// Of all lamps.
-    lamp_area: f64,
+    /// Probability that a light sample lies in a unit of area of a lamp, by facet.
+    lamp_densities: Vec<f64>,
     /// Surfaces nearer than this to a ray's origin are the one that it leaves, or lie in its plane.
     nearest: f64,
 }
@@ -41,7 +43,7 @@ struct Facet {
     material: usize,
 }
 
-/// A cell of the alias table over the lamps' areas.
+/// A cell of the alias table over the lamps.
 struct Lamp {
     facet: usize,
     /// Probability that the cell stands for itself, not for its alias.
@@ -74,8 +76,10 @@ struct LampSample {
     facet: usize,
     direction: DVec3,
     distance: f64,
-    /// Divided by its density over solid angle.
+    /// Divided by its density.
     radiance: DVec3,
+    /// Over solid angle.
+    density: f64,
 }
 
 impl<'a> Reference<'a> {
@@ -102,7 +106,21 @@ impl<'a> Reference<'a> {
             (0..facets.len()).filter(|&i| scene.materials[facets[i].material].is_emitter()).collect();
         let areas: Vec<f64> =
             emitters.iter().map(|&i| 0.5 * facets[i].edges[0].cross(facets[i].edges[1]).length()).collect();
-        let cells = alias_table(&areas);
+        let brightness = |i: &usize| {
+            let ke = scene.materials[facets[*i].material].ke.as_dvec3();
+            ke.dot(DVec3::new(0.2126, 0.7152, 0.0722)) + 1e-3 * ke.element_sum()
+        };
+        let brightnesses: Vec<f64> = emitters.iter().map(brightness).collect();
+        // Nine of ten picks by power, the others by area.
+        let area: f64 = areas.iter().sum();
+        let power: f64 = areas.iter().zip(&brightnesses).map(|(a, b)| a * b).sum();
+        let densities: Vec<f64> = brightnesses.iter().map(|b| 0.9 * b / power + 0.1 / area).collect();
+        let weights: Vec<f64> = areas.iter().zip(&densities).map(|(a, d)| a * d).collect();
+        let mut lamp_densities = vec![0.0; facets.len()];
+        for (&facet, density) in emitters.iter().zip(&densities) {
+            lamp_densities[facet] = *density;
+        }
+        let cells = alias_table(&weights);
         let lamps = emitters
             .iter()
             .zip(cells)
@@ -110,25 +128,41 @@ impl<'a> Reference<'a> {
             .collect();
         let (low, high) = scene.bounds();
         let nearest = 1e-9 * (high - low).max_element();
-        Self { scene, settings: *settings, facets, lamps, lamp_area: areas.iter().sum(), nearest }
+        Self { scene, settings: *settings, facets, lamps, lamp_densities, nearest }
     }
 
     /// Follows one sample of a pixel, which counts in rows from the top left.
     pub fn path(&self, pixel: u32, sample: u32) -> Path {
-        let Settings { integrator, max_bounces, roulette, seed, .. } = self.settings;
+        let Settings { integrator, max_bounces, roulette, roulette_mode, roulette_from, sampler, seed, .. } =
+            self.settings;
         let explicit = integrator == Integrator::Explicit;
+        let mis = integrator == Integrator::Mis;
+        let by_throughput = roulette_mode == RouletteMode::Throughput;
         // Camera, light and scattering of each bounce have four numbers each.
-        let random = |block| random4([pixel, sample, block, seed]);
+        let random = |block| match sampler {
+            Sampler::Independent => random4([pixel, sample, block, seed]),
+            Sampler::Sobol => sobol4([pixel, sample, block, seed]),
+        };
         let mut path = Path::default();
         let mut ray = self.camera_ray(pixel, random(0));
         let mut throughput = DVec3::ONE;
         let mut sees_emission = true;
+        // Of the ray's direction, where another was possible.
+        let mut density = None;
         for bounce in 0_u32.. {
             path.casts_shadow_ray.push(false);
             let Some(vertex) = self.trace(&ray) else { break };
             if vertex.material.is_emitter() {
                 if sees_emission && vertex.is_front {
-                    path.radiance += throughput * vertex.material.ke.as_dvec3();
+                    let weight = match density {
+                        Some(own) if mis => {
+                            let distance2 = vertex.position.distance_squared(ray.origin);
+                            let of_lamps = self.lamp_densities[vertex.facet] * distance2 / vertex.normal.dot(vertex.wo);
+                            power_heuristic(own, of_lamps)
+                        }
+                        _ => 1.0,
+                    };
+                    path.radiance += self.clamped(throughput * vertex.material.ke.as_dvec3() * weight, bounce);
                 }
                 break;
             }
@@ -136,10 +170,14 @@ impl<'a> Reference<'a> {
                 break;
             }
             let specular = vertex.material.surface != Surface::Glossy;
-            if explicit && !specular {
+            if (explicit || mis) && !specular {
                 if let Some(sample) = self.sample_lamps(&vertex, random(1 + 2 * bounce)) {
                     let value = optics::glossy(vertex.material, vertex.normal, vertex.wo, sample.direction);
-                    let radiance = throughput * value * sample.radiance;
+                    let scattered =
+                        optics::scatter_density(vertex.material, vertex.normal, vertex.wo, sample.direction);
+                    let above = if value == DVec3::ZERO { 0.0 } else { scattered };
+                    let weight = if mis { power_heuristic(sample.density, above) } else { 1.0 };
+                    let radiance = self.clamped(throughput * value * sample.radiance * weight, bounce + 1);
                     // What carries no light is not sent.
                     if radiance != DVec3::ZERO {
                         path.casts_shadow_ray[bounce as usize] = true;
@@ -148,22 +186,37 @@ impl<'a> Reference<'a> {
                         }
                     }
                 }
-                // Another bounce could find no more than the light that was sampled.
-                if max_bounces == Some(bounce + 1) {
+                // Without weights another bounce could find no more than the light that was sampled.
+                if explicit && max_bounces == Some(bounce + 1) {
                     break;
                 }
             }
             let [stop, choice, u, v] = random(2 + 2 * bounce);
-            if stop < roulette {
+            if !by_throughput && stop < roulette {
                 break;
             }
             let (direction, weight) = scatter(&vertex, choice, DVec2::new(u, v));
-            throughput *= weight / (1.0 - roulette);
+            throughput *= weight;
+            if !by_throughput {
+                throughput /= 1.0 - roulette;
+            } else if bounce >= roulette_from {
+                // In glass radiance is scaled by 1 / Ni², and will be scaled back.
+                let into_glass = matches!(vertex.material.surface, Surface::Refractive | Surface::Dielectric)
+                    && self.facets[vertex.facet].normal.dot(direction) < 0.0;
+                let scale = if into_glass { f64::from(vertex.material.ni).powi(2) } else { 1.0 };
+                let survival = (throughput.max_element() * scale).min(1.0 - roulette);
+                if stop >= survival {
+                    break;
+                }
+                throughput /= survival;
+            }
             if throughput.max_element() <= 0.0 {
                 break;
             }
             ray = Ray { origin: vertex.position, direction, leaves: Some(vertex.facet) };
             sees_emission = !explicit || specular;
+            density =
+                (!specular).then(|| optics::scatter_density(vertex.material, vertex.normal, vertex.wo, direction));
         }
         path
     }
@@ -216,7 +269,7 @@ impl<'a> Reference<'a> {
         })
     }
 
-    /// A point uniform over the area of all lamps, unless it turns its back.
+    /// A point uniform over a lamp picked by power, mostly, unless it turns its back.
     fn sample_lamps(&self, from: &Vertex<'_>, [pick, own, u, v]: [f64; 4]) -> Option<LampSample> {
         let cell = self.lamps.get((pick * self.lamps.len() as f64) as usize)?;
         let index = if own < cell.threshold { cell.facet } else { cell.alias };
@@ -228,8 +281,16 @@ impl<'a> Reference<'a> {
         let cosine = -normal.dot(direction);
         let ke = self.scene.materials[material].ke.as_dvec3();
         // Area becomes solid angle.
-        let radiance = ke * cosine * self.lamp_area / (distance * distance);
-        (cosine > 0.0).then_some(LampSample { facet: index, direction, distance, radiance })
+        let density = self.lamp_densities[index] * distance * distance / cosine;
+        (cosine > 0.0).then_some(LampSample { facet: index, direction, distance, radiance: ke / density, density })
+    }
+
+    /// Light of so many bounces, dimmed to the clamp where it is indirect.
+    fn clamped(&self, light: DVec3, bounces: u32) -> DVec3 {
+        match self.settings.clamp {
+            Some(clamp) if bounces > 1 => light * (clamp / light.max_element()).min(1.0),
+            _ => light,
+        }
     }
 }
 
@@ -245,6 +306,11 @@ impl Facet {
         // A ray along the plane has no inverse, and NaN is nowhere inside.
         (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then(|| e2.dot(q) * inverse)
     }
+}
+
+/// Weight of a sample of density `own` beside another kind's. (Veach 1997, section 9.2)
+fn power_heuristic(own: f64, other: f64) -> f64 {
+    own * own / (own * own + other * other)
 }
 
 /// A direction and f cos / pdf.

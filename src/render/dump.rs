@@ -4,7 +4,7 @@ use super::batch;
 use super::plan::SampleRange;
 use super::prepare::PreparedScene;
 use super::session::{RenderError, Session};
-use super::settings::{Scheduler, ShadowRays};
+use super::settings::{PathState, Scheduler, ShadowRays};
 use crate::constants::NO_TRIANGLE;
 use crate::gpu::GpuError;
 use crate::rays::{RayClass, RayOrder, RayRecord};
@@ -19,6 +19,18 @@ pub struct QueuedRays {
     pub left_out: u64,
     /// Pixels and samples that they belong to.
     pub batch: SampleRange,
+}
+
+/// The unit vector in 48 bits, as `decode_direction` of `halves.glsl` has it but for rounding.
+fn decode_direction([low, high]: [u32; 2]) -> [f32; 3] {
+    // The highest of 24 bits is the sign.
+    let coordinate = |bits: u32| (bits.cast_signed() >> 8) as f32 / 8_388_607.0;
+    let (mut x, mut y) = (coordinate(low << 8), coordinate(((low >> 16) & 0xff00) | (high << 16)));
+    let z = 1.0 - x.abs() - y.abs();
+    let fold = (-z).max(0.0);
+    x += if x >= 0.0 { -fold } else { fold };
+    y += if y >= 0.0 { -fold } else { fold };
+    glam::Vec3::new(x, y, z).normalize().to_array()
 }
 
 impl Session {
@@ -72,6 +84,7 @@ impl Session {
         }
         let names = if shadow { ["shadow_origins", "shadow_directions"] } else { ["ray_origins", "ray_directions"] };
         let [origins, directions] = [self.texels(names[0])?, self.texels(names[1])?];
+        let halves = !shadow && self.settings.path_state == PathState::F16;
         let original = |place: u32| match place {
             NO_TRIANGLE => NO_TRIANGLE,
             place => scene.triangles[place as usize].original,
@@ -81,7 +94,7 @@ impl Session {
             RayRecord {
                 origin: [x, y, z].map(f32::from_bits),
                 leaves: original(leaves),
-                direction: [u, v, w].map(f32::from_bits),
+                direction: if halves { decode_direction([u, v]) } else { [u, v, w].map(f32::from_bits) },
                 // Other rays keep there whether light that they find counts.
                 target: if shadow { original(target) } else { NO_TRIANGLE },
             }

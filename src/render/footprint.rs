@@ -6,9 +6,9 @@ use std::collections::HashSet;
 use super::plan::Plan;
 use super::prepare::{Needs, PreparedScene};
 use super::session::{kernels, path_records};
-use super::settings::{Scheduler, Settings};
+use super::settings::{RouletteMode, Scheduler, Settings};
 use crate::constants::*;
-use crate::scene::Integrator;
+use crate::scene::{Integrator, Sampler};
 use crate::shaders::{self, Access, Edition};
 
 /// Kernels and buffers of a render.
@@ -101,7 +101,7 @@ fn set_environment(subject: &mut Subject, kind: u32, on: bool) {
     };
 }
 
-const FEATURES: [Feature; 16] = [
+const FEATURES: [Feature; 19] = [
     flag!("area lights", lights),
     (
         "constant environment",
@@ -131,12 +131,30 @@ const FEATURES: [Feature; 16] = [
         |s| s.settings.max_bounces.is_some(),
         |s, on| s.settings.max_bounces = on.then(|| s.settings.max_bounces.unwrap_or(8)),
     ),
-    ("roulette", |s| s.settings.roulette > 0.0, |s, on| s.settings.roulette = if on { 0.5 } else { 0.0 }),
+    (
+        "roulette",
+        |s| s.settings.roulette > 0.0 || s.settings.roulette_mode == RouletteMode::Throughput,
+        |s, on| {
+            s.settings.roulette = if on { 0.5 } else { 0.0 };
+            s.settings.roulette_mode = RouletteMode::Constant;
+        },
+    ),
     (
         "light samples",
-        |s| s.settings.integrator == Integrator::Explicit,
+        |s| s.settings.integrator != Integrator::Implicit,
         |s, on| s.settings.integrator = if on { Integrator::Explicit } else { Integrator::Implicit },
     ),
+    (
+        "weights of both samples (MIS)",
+        |s| s.settings.integrator == Integrator::Mis,
+        |s, on| s.settings.integrator = if on { Integrator::Mis } else { Integrator::Explicit },
+    ),
+    (
+        "Sobol sequences",
+        |s| s.settings.sampler == Sampler::Sobol,
+        |s, on| s.settings.sampler = if on { Sampler::Sobol } else { Sampler::Independent },
+    ),
+    ("clamp", |s| s.settings.clamp.is_some(), |s, on| s.settings.clamp = on.then_some(1.0)),
     (
         "stack in memory",
         |s| s.needs.stack_size > STACK_REGISTERS,

@@ -82,6 +82,10 @@ impl Plan {
     /// Samples of a pixel in one batch, at most: resolve loops over them, twice where some are not
     /// finite, and lavapipe leaves an invocation's loops after 65 535 rounds without a word.
     const SAMPLES_AT_ONCE: u32 = 1 << 14;
+    /// Samples of a pixel in one batch, at least, where so many are asked for: paths that begin in one
+    /// pixel see much the same, so the lanes of a subgroup stay together for longer. Few, since a render
+    /// that is broken off finishes the samples that it has begun.
+    const SAMPLES_SIDE_BY_SIDE: u32 = 4;
     /// Rays of a replay in one launch, at most: enough to keep any device busy, and 56 bytes each.
     const REPLAYED_RAYS: u32 = 1 << 22;
 
@@ -163,14 +167,15 @@ impl Plan {
             .map(move |first_row| Tile { first_row, rows: tile_rows.min(height - first_row) })
     }
 
-    /// The batches that take every pixel of a tile from `samples.start` to `samples.end`: whole
-    /// samples of the tile where they fit the path slots, else a part of the pixels at a time.
+    /// The batches that take every pixel of a tile from `samples.start` to `samples.end`: the whole
+    /// tile where so many samples fit the path slots, else a part of the pixels at a time.
     pub fn batches(&self, tile: Tile, samples: std::ops::Range<u32>) -> impl Iterator<Item = SampleRange> + use<> {
         let Plan { width, path_capacity, .. } = *self;
         let (tile_pixel, pixels) = (tile.first_row * width, tile.rows * width);
-        let samples_at_once = (path_capacity / pixels).max(1);
-        let pixels_at_once = path_capacity.min(pixels);
         let end = samples.end;
+        let side_by_side = Self::SAMPLES_SIDE_BY_SIDE.min(end - samples.start).min(path_capacity);
+        let samples_at_once = (path_capacity / pixels).max(side_by_side);
+        let pixels_at_once = (path_capacity / samples_at_once).min(pixels);
         samples.step_by(samples_at_once as usize).flat_map(move |first_sample| {
             (0..pixels).step_by(pixels_at_once as usize).map(move |film_pixel| SampleRange {
                 first_pixel: tile_pixel + film_pixel,
@@ -186,8 +191,8 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{ShadowRays, Sort};
-    use crate::scene::Integrator;
+    use crate::render::{Offsets, PathState, RouletteMode, ShadowRays, Sort};
+    use crate::scene::{Integrator, Sampler};
     use proptest::prelude::*;
 
     const DEVICE: DeviceLimits = DeviceLimits {
@@ -207,6 +212,10 @@ mod tests {
             integrator,
             max_bounces: Some(4),
             roulette: 0.0,
+            roulette_mode: RouletteMode::Constant,
+            roulette_from: Settings::ROULETTE_FROM,
+            sampler: Sampler::Independent,
+            clamp: None,
             seed: 0,
             scheduler: None,
             in_flight,
@@ -217,6 +226,8 @@ mod tests {
             sort: Sort::None,
             shadow_rays: ShadowRays::Deferred,
             paths_per_invocation: None,
+            path_state: PathState::F32,
+            offsets: Offsets::Robust,
             fast_math: false,
             fetch: None,
             tuned: false,

@@ -1,17 +1,18 @@
 //! The scene as the kernels read it: normalised, in leaf order, with only what it requires.
 
 use std::collections::HashSet;
+use std::f64::consts::PI;
 
 use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
 use super::plan::Plan;
-use super::settings::{Settings, ShadowRays, Sort};
+use super::settings::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
 use crate::alias::alias_table;
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
 use crate::layout::{AliasCell, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
-use crate::scene::{self, Environment, EnvironmentMap, Integrator, Scene, Surface};
+use crate::scene::{self, Environment, EnvironmentMap, Integrator, Sampler, Scene, Surface};
 
 /// A scene that the kernels cannot hold.
 #[derive(Debug, Error, PartialEq)]
@@ -53,8 +54,6 @@ pub struct PreparedScene {
     pub environment: Vec<EnvironmentTexel>,
     /// Alias table of the texels.
     pub environment_aliases: Vec<AliasCell>,
-    /// Area of all lights, normalised units squared.
-    pub light_area: f64,
     /// What the scene needs of the kernels.
     pub features: Features,
     /// How its positions came from the world's.
@@ -245,27 +244,33 @@ impl PreparedScene {
         if nodes > max {
             return Err(PrepareError::TooManyNodes { nodes, max });
         }
-        let triangles: Vec<Triangle> = bvh
+        let mut triangles: Vec<Triangle> = bvh
             .order
             .iter()
             .map(|&original| {
                 let [v0, v1, v2] = corners[original as usize].map(|v| v.to_array());
                 let material = mesh.triangles[original as usize].material;
-                Triangle { v0, original, v1, material, v2, unused: 0 }
+                Triangle { v0, original, v1, material, v2, light_area: 0.0 }
             })
             .collect();
         let radiance_scale = radiance_scale(scene);
-        let (lights, light_area) = lights_of(scene, &bvh, &corners)?;
+        let lamps = Lamps::of(scene, &bvh, &corners)?;
+        for (light, area) in lamps.cells.iter().zip(&lamps.areas) {
+            triangles[light.triangle as usize].light_area = *area as f32;
+        }
 
         let mut frame = camera_frame(&scene.camera, &normalisation, &corners);
         let features = Features::of(scene, frame.camera_distance > 0.0);
         let (textures, headers) = if features.textures { pack_textures(scene) } else { Default::default() };
-        let (environment, environment_aliases) = match &scene.environment {
-            Environment::LatLong(map) => pack_environment(map, radiance_scale)?,
-            Environment::Black | Environment::Constant(_) => Default::default(),
+        let sky = match &scene.environment {
+            Environment::LatLong(map) => Sky::of(map, radiance_scale)?,
+            Environment::Constant(radiance) => Sky { power: 4.0 * PI * brightness(*radiance), ..Sky::default() },
+            Environment::Black => Sky::default(),
         };
-        frame.light_count = lights.len() as u32;
-        frame.light_area = light_area as f32;
+        frame.light_count = lamps.cells.len() as u32;
+        let (low, high) = scene.bounds();
+        frame.sky_probability =
+            sky_probability(features, &lamps, &sky, normalisation.point(high) - normalisation.point(low));
         frame.environment = features.environment;
         match &scene.environment {
             Environment::Constant(radiance) => {
@@ -280,13 +285,12 @@ impl PreparedScene {
             bvh,
             triangles,
             materials: scene.materials.iter().map(|m| pack_material(m, &headers, radiance_scale)).collect(),
-            lights,
+            lights: lamps.cells,
             normals: if features.normals { pack_normals(mesh) } else { Vec::new() },
             texture_coordinates: if features.textures { pack_coordinates(mesh) } else { Vec::new() },
             textures,
-            environment,
-            environment_aliases,
-            light_area,
+            environment: sky.texels,
+            environment_aliases: sky.aliases,
             features,
             normalisation,
             radiance_scale,
@@ -306,11 +310,20 @@ impl PreparedScene {
     /// The uniform block of a render with `path_capacity` slots.
     pub fn frame(&self, settings: &Settings, path_capacity: u32) -> Frame {
         let aspect = settings.width as f32 / settings.height as f32;
+        // The BRDF's own samples find a constant sky as well as light samples do, which are for the lamps then.
+        let found_anyway = settings.integrator == Integrator::Mis && self.features.environment == ENVIRONMENT_CONSTANT;
+        let sky_probability = match self.frame.sky_probability {
+            both if found_anyway && both < 1.0 => both.min(0.125),
+            shared => shared,
+        };
         Frame {
+            sky_probability,
             // Until here, right is as long as up.
             camera_right: self.frame.camera_right.map(|c| c * aspect),
             roulette: settings.roulette as f32,
             max_bounces: settings.max_bounces.unwrap_or(UNBOUNDED),
+            radiance_clamp: (settings.clamp.unwrap_or_default() * self.radiance_scale) as f32,
+            roulette_from: settings.roulette_from,
             seed: settings.seed,
             width: settings.width,
             height: settings.height,
@@ -370,8 +383,8 @@ impl Needs {
             features,
             scatters,
             bounded: settings.max_bounces.is_some(),
-            roulette: settings.roulette > 0.0,
-            shadows: scatters && features.glossy && lit && settings.integrator == Integrator::Explicit,
+            roulette: settings.roulette > 0.0 || settings.roulette_mode == RouletteMode::Throughput,
+            shadows: scatters && features.glossy && lit && settings.integrator != Integrator::Implicit,
             stack_size,
         }
     }
@@ -401,6 +414,7 @@ impl Needs {
                 match settings.integrator {
                     Integrator::Implicit => INTEGRATOR_IMPLICIT,
                     Integrator::Explicit => INTEGRATOR_EXPLICIT,
+                    Integrator::Mis => INTEGRATOR_MIS,
                 },
             ),
             (SPEC_ENVIRONMENT, environment),
@@ -422,7 +436,12 @@ impl Needs {
             (SPEC_MATERIAL_BRANCHES, settings.material_branches),
             (SPEC_SORTED, (settings.sort == Sort::Material).into()),
             (SPEC_DEFERS_SHADOW_RAYS, (settings.shadow_rays == ShadowRays::Deferred).into()),
+            (SPEC_HALF_STATE, (settings.path_state == PathState::F16).into()),
+            (SPEC_FIXED_OFFSETS, (settings.offsets == Offsets::Fixed).into()),
             (SPEC_BVH_WIDTH, bvh.width()),
+            (SPEC_SOBOL, (settings.sampler == Sampler::Sobol).into()),
+            (SPEC_ROULETTE_BY_THROUGHPUT, (settings.roulette_mode == RouletteMode::Throughput).into()),
+            (SPEC_CLAMPS, settings.clamp.is_some().into()),
             (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
         ] {
             constants[id as usize] = value;
@@ -490,44 +509,87 @@ fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation, corners: 
     frame
 }
 
-/// Emitting triangles with their alias table over area, and their total area.
-fn lights_of(scene: &Scene, bvh: &Bvh, corners: &[[Vec3; 3]]) -> Result<(Vec<Light>, f64), PrepareError> {
-    let emits = |original: u32| scene.materials[scene.mesh.triangles[original as usize].material as usize].is_emitter();
-    let mut lights: Vec<(u32, u32)> = bvh
-        .order
-        .iter()
-        .enumerate()
-        .filter(|(_, original)| emits(**original))
-        .map(|(place, original)| (*original, place as u32))
-        .collect();
-    // The scene's order, so that random numbers pick the same light whatever the BVH is.
-    lights.sort_unstable();
-    let areas: Vec<f64> = lights
-        .iter()
-        .map(|(original, _)| {
-            let [a, b, c] = corners[*original as usize].map(|v| v.as_dvec3());
-            0.5 * (b - a).cross(c - a).length()
-        })
-        .collect();
-    let area = areas.iter().sum();
-    if lights.len() > MAX_CELLS {
-        return Err(PrepareError::TooManyLights(lights.len()));
-    }
-    if area == 0.0 {
-        return Ok((Vec::new(), 0.0));
-    }
-    let cells = alias_table(&areas);
-    let lights = lights
-        .iter()
-        .zip(cells)
-        .map(|((_, triangle), cell)| Light {
+/// How bright a radiance is: its luminance by Rec. 709. A part of the sum keeps it above zero for colours
+/// that have none.
+fn brightness(radiance: Vec3) -> f64 {
+    let c = radiance.as_dvec3();
+    c.dot(DVec3::new(0.2126, 0.7152, 0.0722)) + 1e-3 * c.element_sum()
+}
+
+/// Emitting triangles, as light samples pick them.
+#[derive(Debug, Default)]
+struct Lamps {
+    /// Cells of the alias table, in the scene's order.
+    cells: Vec<Light>,
+    /// Area of each over the probability of its pick, normalised units squared.
+    areas: Vec<f64>,
+    /// Brightness times area of all, times pi.
+    power: f64,
+}
+
+impl Lamps {
+    /// Share of the picks that go by power. The others go by area, so that a lamp of little power still
+    /// has samples where it is near, or nothing else shines.
+    const BY_POWER: f64 = 0.9;
+
+    fn of(scene: &Scene, bvh: &Bvh, corners: &[[Vec3; 3]]) -> Result<Self, PrepareError> {
+        let material = |original: u32| &scene.materials[scene.mesh.triangles[original as usize].material as usize];
+        let emits = |original: u32| material(original).is_emitter();
+        let mut lights: Vec<(u32, u32)> = bvh
+            .order
+            .iter()
+            .enumerate()
+            .filter(|(_, original)| emits(**original))
+            .map(|(place, original)| (*original, place as u32))
+            .collect();
+        // The scene's order, so that random numbers pick the same light whatever the BVH is.
+        lights.sort_unstable();
+        let originals = || lights.iter().map(|(original, _)| *original);
+        let areas: Vec<f64> = originals()
+            .map(|original| {
+                let [a, b, c] = corners[original as usize].map(|v| v.as_dvec3());
+                0.5 * (b - a).cross(c - a).length()
+            })
+            .collect();
+        let brightnesses: Vec<f64> = originals().map(|original| brightness(material(original).ke)).collect();
+        let area: f64 = areas.iter().sum();
+        let power: f64 = areas.iter().zip(&brightnesses).map(|(area, brightness)| area * brightness).sum();
+        if lights.len() > MAX_CELLS {
+            return Err(PrepareError::TooManyLights(lights.len()));
+        }
+        if power == 0.0 {
+            return Ok(Self::default());
+        }
+        // Probability of a lamp's pick over its area.
+        let density = |brightness: &f64| Self::BY_POWER * brightness / power + (1.0 - Self::BY_POWER) / area;
+        let densities: Vec<f64> = brightnesses.iter().map(density).collect();
+        let weights: Vec<f64> = areas.iter().zip(&densities).map(|(area, density)| area * density).collect();
+        let cell = |((_, triangle), cell): (&(u32, u32), AliasCell)| Light {
             triangle: *triangle,
             threshold: cell.threshold,
             alias: cell.alias,
             unused: 0,
+        };
+        Ok(Self {
+            cells: lights.iter().zip(alias_table(&weights)).map(cell).collect(),
+            areas: densities.iter().map(|density| 1.0 / density).collect(),
+            power: PI * power,
         })
-        .collect();
-    Ok((lights, area))
+    }
+}
+
+/// Probability that a light sample goes to the sky: its share of the power that the scene receives, were
+/// half of the sky hidden, though lamps and sky get a tenth at least. `size` is that of the scene's bounds.
+fn sky_probability(features: Features, lamps: &Lamps, sky: &Sky, size: DVec3) -> f32 {
+    let shines = features.environment != ENVIRONMENT_BLACK;
+    if !shines || lamps.cells.is_empty() {
+        return if shines { 1.0 } else { 0.0 };
+    }
+    // The sky sends its light through the disk of the sphere about the bounds.
+    let received = 0.5 * sky.power * PI * 0.25 * size.length_squared();
+    let share = (received / (received + lamps.power)).clamp(0.1, 0.9);
+    // Exact in the 24 bits of a random number.
+    ((share * 256.0).round() / 256.0) as f32
 }
 
 /// Radiance in the kernels' unit.
@@ -604,45 +666,50 @@ fn pack_textures(scene: &Scene) -> (Vec<[u32; 2]>, Vec<u32>) {
     (words, headers)
 }
 
-/// Texels with the probability that light sampling picks each: in proportion to the luminance
-/// of the bilinear image over the texel, times its solid angle.
-fn pack_environment(
-    map: &EnvironmentMap,
-    radiance_scale: f64,
-) -> Result<(Vec<EnvironmentTexel>, Vec<AliasCell>), PrepareError> {
-    let (width, height) = (map.width as usize, map.height as usize);
-    if map.radiance.len() > MAX_CELLS {
-        return Err(PrepareError::TooManyTexels(map.radiance.len()));
+/// The environment, as light samples pick directions of it.
+#[derive(Debug, Default)]
+struct Sky {
+    /// Texels of a lat-long image with the probability of each: in proportion to the brightness of the
+    /// bilinear image over the texel, times its solid angle.
+    texels: Vec<EnvironmentTexel>,
+    /// Alias table of the texels.
+    aliases: Vec<AliasCell>,
+    /// Brightness over all directions.
+    power: f64,
+}
+
+impl Sky {
+    fn of(map: &EnvironmentMap, radiance_scale: f64) -> Result<Self, PrepareError> {
+        let (width, height) = (map.width as usize, map.height as usize);
+        if map.radiance.len() > MAX_CELLS {
+            return Err(PrepareError::TooManyTexels(map.radiance.len()));
+        }
+        let brightness = |x: usize, y: usize| brightness(map.radiance[y * width + x]);
+        // A bilinear image integrated over a texel: weights 1/8, 3/4, 1/8 in each direction.
+        let across = |x: usize, y: usize| {
+            0.125 * (brightness((x + width - 1) % width, y) + brightness((x + 1) % width, y)) + 0.75 * brightness(x, y)
+        };
+        let weights: Vec<f64> = (0..width * height)
+            .map(|i| {
+                let (x, y) = (i % width, i / width);
+                let mean =
+                    0.125 * (across(x, y.saturating_sub(1)) + across(x, (y + 1).min(height - 1))) + 0.75 * across(x, y);
+                let angle = |row: usize| PI * row as f64 / height as f64;
+                mean * (angle(y).cos() - angle(y + 1).cos())
+            })
+            .collect();
+        let total: f64 = weights.iter().sum();
+        let texels = map
+            .radiance
+            .iter()
+            .zip(&weights)
+            .map(|(radiance, weight)| EnvironmentTexel {
+                radiance: scaled(*radiance, radiance_scale),
+                probability: (weight / total) as f32,
+            })
+            .collect();
+        Ok(Self { texels, aliases: alias_table(&weights), power: 2.0 * PI / width as f64 * total })
     }
-    // Rec. 709 luminance; the mean keeps a weight above zero for colours that have none.
-    let brightness = |x: usize, y: usize| {
-        let c = map.radiance[y * width + x].as_dvec3();
-        c.dot(DVec3::new(0.2126, 0.7152, 0.0722)) + 1e-3 * c.element_sum()
-    };
-    // A bilinear image integrated over a texel: weights 1/8, 3/4, 1/8 in each direction.
-    let across = |x: usize, y: usize| {
-        0.125 * (brightness((x + width - 1) % width, y) + brightness((x + 1) % width, y)) + 0.75 * brightness(x, y)
-    };
-    let weights: Vec<f64> = (0..width * height)
-        .map(|i| {
-            let (x, y) = (i % width, i / width);
-            let mean =
-                0.125 * (across(x, y.saturating_sub(1)) + across(x, (y + 1).min(height - 1))) + 0.75 * across(x, y);
-            let angle = |row: usize| std::f64::consts::PI * row as f64 / height as f64;
-            mean * (angle(y).cos() - angle(y + 1).cos())
-        })
-        .collect();
-    let total: f64 = weights.iter().sum();
-    let texels = map
-        .radiance
-        .iter()
-        .zip(&weights)
-        .map(|(radiance, weight)| EnvironmentTexel {
-            radiance: scaled(*radiance, radiance_scale),
-            probability: (weight / total) as f32,
-        })
-        .collect();
-    Ok((texels, alias_table(&weights)))
 }
 
 /// Data of a scene for a buffer of its name on the device.

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::plan::{Plan, SampleRange};
 use super::prepare::PreparedScene;
 use super::session::{RenderError, SessionOptions, limits, open_executor};
-use super::settings::Settings;
+use super::settings::{Offsets, PathState, Settings};
 use crate::bvh::{Hit, Ray, trace_any, trace_closest};
 use crate::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND};
 use crate::gpu::{Device, DeviceKind, Executor, GpuError};
@@ -111,6 +111,8 @@ impl<'a> Replay<'a> {
         repeat: u32,
         options: SessionOptions,
     ) -> Result<Self, RenderError> {
+        // Dumped rays are exact, whatever made them, and the CPU knows of nothing else.
+        let settings = &Settings { path_state: PathState::F32, offsets: Offsets::Robust, ..*settings };
         let total = rays.len() as u64 * u64::from(repeat);
         let plan = Plan::of_replay(settings, &limits(device), total, scene.needs(settings).stack_bytes(1));
         let mut executor = open_executor(device, scene, settings, &plan, &[kernel_of(class)], options)?;

@@ -217,6 +217,22 @@ impl Session {
         })
     }
 
+    /// Lets the renders that follow take other random numbers and another number of samples. `scene` is
+    /// the session's own.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn reseed(&mut self, scene: &PreparedScene, seed: u32, samples: u32) -> Result<(), RenderError> {
+        self.settings = Settings { seed, samples, ..self.settings };
+        let frame = scene.frame(&self.settings, self.plan.path_capacity);
+        Ok(self.executor.write("frame", bytemuck::bytes_of(&frame))?)
+    }
+
+    /// Bytes of device memory that the session holds.
+    pub fn memory_bytes(&self) -> u64 {
+        self.executor.memory_bytes()
+    }
+
     /// Time that the driver took to build each kernel, by name.
     pub fn pipeline_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.executor.pipeline_times()

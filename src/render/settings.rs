@@ -6,7 +6,7 @@ use thiserror::Error;
 use crate::bvh::{BvhKind, MAX_LISTED};
 use crate::constants::MATERIAL_BINS;
 use crate::film::MAX_PIXELS;
-use crate::scene::{Integrator, Scene};
+use crate::scene::{Integrator, Sampler, Scene};
 
 /// Most samples of a pixel: the film's sums are tested up to here.
 pub const MAX_SAMPLES: u32 = 1 << 24;
@@ -29,6 +29,8 @@ pub enum SettingsError {
     TooManySamples(u32),
     #[error("roulette {0} is not a probability of stopping; use a number from 0 up to, not including, 1")]
     Roulette(f64),
+    #[error("a clamp of {0} lets no light through or all of it; use a radiance above 0, or leave it out")]
+    Clamp(f64),
     #[error("{0} material branches are asked for; use 1 to {MAX_MATERIAL_BRANCHES}")]
     MaterialBranches(u32),
     #[error("unbounded paths never end without a roulette; set --roulette above 0, or --max-bounces")]
@@ -50,6 +52,15 @@ pub struct Settings {
     pub max_bounces: Option<u32>,
     /// Probability q of stopping at each vertex, in [0, 1); above 0 where bounces are unbounded.
     pub roulette: f64,
+    /// How a roulette decides, where there is one.
+    pub roulette_mode: RouletteMode,
+    /// The first vertex at which a roulette by throughput may stop a path; 0 is what the camera sees.
+    pub roulette_from: u32,
+    /// Where random numbers come from.
+    pub sampler: Sampler,
+    /// Most radiance, in any channel, that indirect light may bring by one vertex: light of two bounces
+    /// and more. It takes fireflies away, and energy with them: the image is biased. `None` is unbiased.
+    pub clamp: Option<f64>,
     /// Seed of the random numbers.
     pub seed: u32,
     /// How the work is cut into kernels; `None` leaves it to the device.
@@ -75,6 +86,10 @@ pub struct Settings {
     /// it takes a new path as soon as one has ended, and none waits for its subgroup's longest.
     /// `None` leaves it to the device.
     pub paths_per_invocation: Option<u32>,
+    /// How exactly the state of a path is kept between its vertices.
+    pub path_state: PathState,
+    /// How rays are kept from hitting the surface that they leave.
+    pub offsets: Offsets,
     /// Whether the driver may fuse and reorder arithmetic. The image is then no longer the same to
     /// the last bit between schedulers.
     pub fast_math: bool,
@@ -86,6 +101,35 @@ pub struct Settings {
     /// Whether kernels and buffers are for this scene alone. Without, they are for any, and the image
     /// is the same.
     pub specialize: bool,
+}
+
+/// How exactly the state of a path is kept between its vertices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum PathState {
+    /// As it was computed, in floats.
+    F32,
+    /// Throughput in halves, rounded at random so that the image is the same in expectation, and
+    /// directions in 48 bits. A throughput above 65,504 is cut to it.
+    F16,
+}
+
+/// How rays are kept from hitting the surface that they leave.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Offsets {
+    /// They begin as far off it as rounding can err there, and remember its triangle.
+    Robust,
+    /// They begin 10⁻⁴ normalised lengths off it. What is nearer than that is not seen.
+    Fixed,
+}
+
+/// How a roulette decides. Either way the image stays the same in expectation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum RouletteMode {
+    /// Every vertex stops the path with probability q.
+    Constant,
+    /// From a vertex on the path survives with the probability of its throughput, the largest channel,
+    /// and of 1 - q at most.
+    Throughput,
 }
 
 /// How kernels read the scene's buffers.
@@ -148,6 +192,10 @@ impl Settings {
     /// Bounces of a path that is short: a megakernel's lanes do not part much before its end.
     const SHORT_PATH: u32 = 8;
 
+    /// Vertices that a roulette by throughput leaves alone where the user does not say: most of the light
+    /// comes by these.
+    pub const ROULETTE_FROM: u32 = 3;
+
     /// What the scene asks for.
     pub fn of(scene: &Scene) -> Self {
         Self {
@@ -157,6 +205,10 @@ impl Settings {
             integrator: scene.defaults.integrator,
             max_bounces: scene.defaults.max_bounces,
             roulette: scene.defaults.roulette,
+            roulette_mode: RouletteMode::Constant,
+            roulette_from: Self::ROULETTE_FROM,
+            sampler: scene.defaults.sampler,
+            clamp: None,
             seed: 0,
             scheduler: None,
             in_flight: None,
@@ -167,6 +219,8 @@ impl Settings {
             sort: Sort::None,
             shadow_rays: ShadowRays::Deferred,
             paths_per_invocation: None,
+            path_state: PathState::F32,
+            offsets: Offsets::Robust,
             fast_math: false,
             fetch: None,
             tuned: false,
@@ -202,6 +256,13 @@ impl Settings {
         self.bvh.unwrap_or(default)
     }
 
+    /// The settings that make the image another one in expectation, by name; none where it is right.
+    pub fn biased_by(&self) -> Vec<&'static str> {
+        let clamp = self.clamp.map(|_| "clamp");
+        let offsets = (self.offsets == Offsets::Fixed).then_some("offsets");
+        clamp.into_iter().chain(offsets).collect()
+    }
+
     /// Whether they make sense together.
     ///
     /// # Errors
@@ -216,6 +277,9 @@ impl Settings {
         }
         if !(0.0..1.0).contains(&self.roulette) {
             return Err(SettingsError::Roulette(self.roulette));
+        }
+        if let Some(clamp) = self.clamp.filter(|clamp| !(*clamp as f32 > 0.0 && clamp.is_finite())) {
+            return Err(SettingsError::Clamp(clamp));
         }
         if !(1..=MAX_MATERIAL_BRANCHES).contains(&self.material_branches) {
             return Err(SettingsError::MaterialBranches(self.material_branches));

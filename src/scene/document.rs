@@ -11,7 +11,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::{
-    Camera, Integrator, RenderDefaults,
+    Camera, Integrator, RenderDefaults, Sampler,
     error::{Place, SceneError},
     material::{ImageName, MaterialKeys, NUMERIC_KEYS, portable},
     place::{FARTHEST, Transform},
@@ -95,6 +95,7 @@ struct RawRender {
     samples: Option<Spanned<i64>>,
     max_bounces: Option<Spanned<i64>>,
     roulette: Option<Spanned<f64>>,
+    sampler: Option<Spanned<String>>,
 }
 
 #[derive(Deserialize)]
@@ -279,10 +280,21 @@ impl Reader<'_> {
             defaults.integrator = match integrator.get_ref().as_str() {
                 "implicit" => Integrator::Implicit,
                 "explicit" => Integrator::Explicit,
+                "mis" => Integrator::Mis,
                 other => {
                     let other = one_line(other);
-                    let problem = format!("no integrator `{other}`; take `implicit` or `explicit`");
+                    let problem = format!("no integrator `{other}`; take `implicit`, `explicit` or `mis`");
                     return Err(self.refuse(&integrator.span(), problem));
+                }
+            };
+        }
+        if let Some(sampler) = &raw.sampler {
+            defaults.sampler = match sampler.get_ref().as_str() {
+                "independent" => Sampler::Independent,
+                "sobol" => Sampler::Sobol,
+                other => {
+                    let problem = format!("no sampler `{}`; take `independent` or `sobol`", one_line(other));
+                    return Err(self.refuse(&sampler.span(), problem));
                 }
             };
         }

@@ -96,11 +96,19 @@ pub struct RenderDefaults {
     pub max_bounces: Option<u32>,
     /// Probability q of stopping at each vertex, in [0, 1).
     pub roulette: f64,
+    /// Where random numbers come from.
+    pub sampler: Sampler,
 }
 
 impl Default for RenderDefaults {
     fn default() -> Self {
-        Self { integrator: Integrator::Explicit, samples: 64, max_bounces: Some(8), roulette: 0.0 }
+        Self {
+            integrator: Integrator::Explicit,
+            samples: 64,
+            max_bounces: Some(8),
+            roulette: 0.0,
+            sampler: Sampler::Sobol,
+        }
     }
 }
 
@@ -111,6 +119,18 @@ pub enum Integrator {
     Implicit,
     /// A light sample at every non-specular vertex.
     Explicit,
+    /// Both, weighted by their densities. (Veach and Guibas 1995, the power heuristic)
+    Mis,
+}
+
+/// Where the random numbers of a path come from. Either way they are keyed by pixel, sample, vertex,
+/// dimension and seed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Sampler {
+    /// Numbers that know nothing of each other.
+    Independent,
+    /// A Sobol sequence in each pixel, Owen-scrambled: samples keep their distance. (Burley 2020)
+    Sobol,
 }
 
 /// Triangles of the whole scene, in world space, indexed per corner.

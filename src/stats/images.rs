@@ -9,7 +9,7 @@ use crate::film::Image;
 /// Keeps relMSE finite where the reference is dark, in radiance squared. The 0.01 of Rousselle,
 /// Knaus and Zwicker, "Adaptive sampling and reconstruction using greedy error minimization",
 /// ACM TOG 30 (2011).
-const DARK: f64 = 0.01;
+pub const DARK: f64 = 0.01;
 
 /// Two images that cannot be compared pixel by pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]

@@ -10,5 +10,5 @@ mod summary;
 
 pub use bootstrap::{Bootstrap, Estimate, SplitMix64};
 pub use hypothesis::{ChiSquare, ZTest, chi_square, normal_cdf, normal_quantile, sidak_adjusted, sidak_level, z_test};
-pub use images::{Differences, ImageComparison, NonFinite, SizesDiffer, compare_images, relative_squared_error};
+pub use images::{DARK, Differences, ImageComparison, NonFinite, SizesDiffer, compare_images, relative_squared_error};
 pub use summary::{Moments, mean, median, quantile, standard_error, variance};

@@ -22,7 +22,7 @@ pub enum Role {
 }
 
 /// What levels a factor takes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Levels {
     /// These names.
     Named(&'static [&'static str]),
@@ -33,10 +33,24 @@ pub enum Levels {
         /// Levels where the user names none.
         default: &'static [&'static str],
     },
+    /// Any number from `low` up to, not including, `high`; `default` where none is given.
+    Numbers {
+        /// Smallest number.
+        low: f64,
+        /// What every number is below.
+        high: f64,
+        /// Levels where the user names none.
+        default: &'static [&'static str],
+    },
+    /// Any number above 0, or `off`; `default` where none is given.
+    NumbersOrOff {
+        /// Levels where the user names none.
+        default: &'static [&'static str],
+    },
 }
 
 /// A setting that a study can vary.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FactorKind {
     /// Its name, that of the command line's option without the dashes.
     pub name: &'static str,
@@ -111,10 +125,58 @@ pub const FACTORS: &[FactorKind] = &[
         meaning: "fused and reordered arithmetic",
     },
     FactorKind {
+        name: "path-state",
+        role: Role::Estimator,
+        levels: Levels::Named(&["f32", "f16"]),
+        meaning: "how exactly path state is kept",
+    },
+    FactorKind {
+        name: "offsets",
+        role: Role::Estimator,
+        levels: Levels::Named(&["robust", "fixed"]),
+        meaning: "how rays leave surfaces",
+    },
+    FactorKind {
         name: "integrator",
         role: Role::Estimator,
-        levels: Levels::Named(&["explicit", "implicit"]),
+        levels: Levels::Named(&["explicit", "implicit", "mis"]),
         meaning: "integrator",
+    },
+    FactorKind {
+        name: "roulette",
+        role: Role::Estimator,
+        levels: Levels::Numbers { low: 0.0, high: 1.0, default: &["0", "0.1", "0.2", "0.4"] },
+        meaning: "probability of stopping at a vertex",
+    },
+    FactorKind {
+        name: "samples",
+        role: Role::Workload,
+        levels: Levels::Counts { min: 1, default: &["4", "16", "64"] },
+        meaning: "samples per pixel",
+    },
+    FactorKind {
+        name: "max-bounces",
+        role: Role::Workload,
+        levels: Levels::Counts { min: 0, default: &["2", "4", "8", "16"] },
+        meaning: "bounces of a path",
+    },
+    FactorKind {
+        name: "clamp",
+        role: Role::Workload,
+        levels: Levels::NumbersOrOff { default: &["off", "10", "1"] },
+        meaning: "most radiance of indirect light",
+    },
+    FactorKind {
+        name: "sampler",
+        role: Role::Estimator,
+        levels: Levels::Named(&["independent", "sobol"]),
+        meaning: "source of random numbers",
+    },
+    FactorKind {
+        name: "roulette-mode",
+        role: Role::Estimator,
+        levels: Levels::Named(&["constant", "throughput"]),
+        meaning: "how a roulette decides",
     },
     FactorKind {
         name: "shading-cost",
@@ -149,7 +211,7 @@ pub fn parse_count(text: &str) -> Option<u64> {
 }
 
 /// A setting and the levels that a study gives it, the first of which is the baseline's.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Factor {
     /// The setting.
     pub kind: &'static FactorKind,
@@ -189,7 +251,10 @@ impl Factor {
         let levels: Vec<String> = match (given, kind.levels) {
             (Some(given), _) => given.split(',').map(|level| level.trim().to_owned()).collect(),
             (None, Levels::Named(names)) => names.iter().map(|&name| name.to_owned()).collect(),
-            (None, Levels::Counts { default, .. }) => default.iter().map(|&level| level.to_owned()).collect(),
+            (
+                None,
+                Levels::Counts { default, .. } | Levels::Numbers { default, .. } | Levels::NumbersOrOff { default },
+            ) => default.iter().map(|&level| level.to_owned()).collect(),
         };
         for (i, level) in levels.iter().enumerate() {
             kind.check(level)?;
@@ -209,6 +274,14 @@ impl FactorKind {
                 parse_count(level).is_some_and(|count| count >= min),
                 format!("use a count from {min} on, such as 64 or 16k (k is 1024, M is 1024²)"),
             ),
+            Levels::Numbers { low, high, .. } => (
+                level.parse::<f64>().is_ok_and(|number| (low..high).contains(&number)),
+                format!("use a number from {low} up to, not including, {high}"),
+            ),
+            Levels::NumbersOrOff { .. } => (
+                level == "off" || level.parse::<f64>().is_ok_and(|number| number > 0.0 && number.is_finite()),
+                "use a number above 0, or off".to_owned(),
+            ),
         };
         let bad = || StudyError::BadLevel { factor: self.name, level: level.to_owned(), allowed };
         fits.then_some(()).ok_or_else(bad)
@@ -219,6 +292,7 @@ impl FactorKind {
         match self.levels {
             Levels::Named(_) => a == b,
             Levels::Counts { .. } => parse_count(a) == parse_count(b),
+            Levels::Numbers { .. } | Levels::NumbersOrOff { .. } => a.parse::<f64>().ok() == b.parse::<f64>().ok(),
         }
     }
 }
@@ -236,6 +310,17 @@ impl Configuration {
     /// The level of a factor that is a count; `None` where it is not varied or has a name.
     pub fn count(&self, factor: &str) -> Option<u64> {
         parse_count(self.level(factor)?)
+    }
+
+    /// This configuration with a factor at that level, in its place or at the end.
+    #[must_use]
+    pub fn with(&self, factor: &'static str, level: &str) -> Self {
+        let mut with = self.clone();
+        match with.0.iter_mut().find(|(name, _)| *name == factor) {
+            Some((_, old)) => level.clone_into(old),
+            None => with.0.push((factor, level.to_owned())),
+        }
+        with
     }
 
     /// The other factors and their levels.
@@ -269,7 +354,7 @@ impl Serialize for Configuration {
 
 /// A full factorial: every combination of the levels, and the one that the others are measured
 /// against.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Design {
     factors: Vec<Factor>,
     baseline: Configuration,

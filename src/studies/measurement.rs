@@ -18,6 +18,9 @@ pub enum Purpose {
     First,
     /// A render that is timed. Whatever the first one has built is kept.
     Timed,
+    /// A render that is timed, by the random numbers of that seed, and hands over its image. It needs no
+    /// first render, and what it builds is in no time.
+    Seeded(u32),
     /// A render with kernels that count their work. Its times are thrown away. A renderer that
     /// cannot count may return an empty measurement.
     Counting,

@@ -13,6 +13,7 @@ mod factorial;
 mod measurement;
 mod noise;
 mod runner;
+pub mod tradeoff;
 mod validity;
 
 pub use analysis::{Clock, CombinationReport, Drift, Ratio, RatioMethod, Report, Run, SceneReport, Warning};

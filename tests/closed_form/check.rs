@@ -3,14 +3,15 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{Settings, ShadowRays, Sort};
-use raywave::scene::Integrator::{self, Explicit, Implicit};
+use raywave::render::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
+use raywave::scene::Integrator::{self, Explicit, Implicit, Mis};
+use raywave::scene::Sampler;
 use raywave::stats::{sidak_level, z_test};
 
 use crate::common::render_on;
 use crate::stage::{Stage, View};
 
-pub const BOTH: [Integrator; 2] = [Implicit, Explicit];
+pub const ALL: [Integrator; 3] = [Implicit, Explicit, Mis];
 
 /// Rounding of a sample, relative: a few dozen operations of 6e-8 each, and the trigonometry of
 /// the device.
@@ -34,6 +35,10 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         integrator: Explicit,
         max_bounces: Some(bounces),
         roulette: 0.0,
+        roulette_mode: RouletteMode::Constant,
+        roulette_from: Settings::ROULETTE_FROM,
+        sampler: Sampler::Independent,
+        clamp: None,
         seed: 1,
         scheduler: None,
         in_flight: None,
@@ -44,6 +49,8 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         sort: Sort::None,
         shadow_rays: ShadowRays::Deferred,
         paths_per_invocation: None,
+        path_state: PathState::F32,
+        offsets: Offsets::Robust,
         fast_math: false,
         fetch: None,
         tuned: false,
@@ -56,11 +63,11 @@ pub fn unbounded(size: u32, samples: u32, roulette: f64) -> Settings {
     Settings { max_bounces: None, roulette, ..settings(size, samples, 0) }
 }
 
-/// Checks every sample, with both integrators: one a pixel, so that no mean hides it.
+/// Checks every sample, with all integrators: one a pixel, so that no mean hides it.
 pub fn assert_every_sample(device: &Device, case: &str, stage: &Stage, settings: Settings, expected: DVec3) {
     assert_eq!(settings.samples, 1);
     let scene = stage.scene();
-    for integrator in BOTH {
+    for integrator in ALL {
         let film = render_on(device, &scene, &Settings { integrator, ..settings }).film;
         let allowed = ROUNDING * expected.max_element().max(f64::MIN_POSITIVE);
         for (pixel, sample) in film.sum.iter().enumerate() {
@@ -70,7 +77,7 @@ pub fn assert_every_sample(device: &Device, case: &str, stage: &Stage, settings:
     }
 }
 
-/// Checks the image, with both integrators, against the radiance that arrives from a direction.
+/// Checks the image, with all integrators, against the radiance that arrives from a direction.
 /// `bias` is how far the closed form itself may be off, relative.
 pub fn assert_image(
     device: &Device,
@@ -82,7 +89,7 @@ pub fn assert_image(
 ) {
     let expected = pixel_means(&stage.view, settings.width, radiance);
     let scene = stage.scene();
-    for integrator in BOTH {
+    for integrator in ALL {
         let film = render_on(device, &scene, &Settings { integrator, ..settings }).film;
         assert_agrees(&format!("{case}, {integrator:?}"), &film, &expected, bias);
     }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::{DQuat, DVec3, dvec3};
 use raywave::film::{Image, WriteOptions, write_image};
 use raywave::render::Settings;
-use raywave::scene::Integrator::{Explicit, Implicit};
+use raywave::scene::Integrator::{Explicit, Implicit, Mis};
 use tempfile::tempdir;
 
 use crate::check::*;
@@ -133,7 +133,7 @@ fn light_is_found_through_a_pane() {
     assert_every_sample(&device, "pane at two bounces", &stage, settings(32, 1, 2), DVec3::ZERO);
 }
 
-/// Both integrators have one expectation for every number of bounces: in a box, and where light
+/// All integrators have one expectation for every number of bounces: in a box, and where light
 /// reaches the floor through glass alone, so that paths go on after the last light sample.
 #[test]
 fn integrators_agree_bounce_by_bounce() {
@@ -141,11 +141,13 @@ fn integrators_agree_bounce_by_bounce() {
     for name in ["cornell-box", "cornell-caustic"] {
         let scene = own_scene(name);
         for bounces in 0..=4 {
-            let [implicit, explicit] = [(Implicit, 768), (Explicit, 256)].map(|(integrator, samples)| {
-                let settings = Settings { integrator, seed: samples, ..settings(32, samples, bounces) };
-                render_on(&device, &scene, &settings).film
-            });
+            let [implicit, explicit, mis] =
+                [(Implicit, 768), (Explicit, 256), (Mis, 255)].map(|(integrator, samples)| {
+                    let settings = Settings { integrator, seed: samples, ..settings(32, samples, bounces) };
+                    render_on(&device, &scene, &settings).film
+                });
             assert_same_mean(&format!("{name}, {bounces} bounces"), &implicit, &explicit);
+            assert_same_mean(&format!("{name}, {bounces} bounces, weighted"), &implicit, &mis);
         }
     }
 }

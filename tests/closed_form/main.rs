@@ -1,5 +1,5 @@
 //! Renders against closed forms: scenes so simple that their radiance can be written down, with
-//! both integrators wherever both can find the light.
+//! all integrators wherever both can find the light.
 //!
 //! Where every sample must have one value, each is compared alone. Elsewhere the closed form is
 //! averaged over each pixel and compared by z-tests of block means. Seeds are fixed, so a test

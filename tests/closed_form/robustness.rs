@@ -13,7 +13,7 @@ use crate::stage::*;
 fn paths_in_flight_change_no_bit() {
     let device = device();
     let scene = own_scene("cornell-caustic");
-    for integrator in BOTH {
+    for integrator in ALL {
         let film = |in_flight| {
             let settings = Settings { width: 40, height: 30, integrator, in_flight, ..unbounded(0, 20, 0.2) };
             render_on(&device, &scene, &settings).film
@@ -64,7 +64,7 @@ fn a_camera_in_a_surface_sees_floor_or_sky() {
     for keys in ["Kd 1", "illum 3; Ks 1", "illum 6; Ni 1.5"] {
         let view = View::new(DVec3::ZERO, -DVec3::Z, 60.0);
         let stage = Stage::new(view).sky(1.0).material(keys).square(DVec3::ZERO, DVec3::Y, 1.0).cube(1.0);
-        for integrator in BOTH {
+        for integrator in ALL {
             let film = render_on(&device, &stage.scene(), &Settings { integrator, ..settings(32, 4, 16) }).film;
             assert!(film.sum.iter().all(|sum| sum.is_finite() && sum.min_element() >= 0.0), "{keys}, {integrator:?}");
         }

@@ -8,6 +8,7 @@ mod pictures;
 mod plots;
 mod svg;
 mod table;
+mod tradeoff;
 
 use std::sync::Arc;
 
@@ -425,12 +426,19 @@ fn slider(scene: &SceneReport, store: &mut Store<'_>) -> String {
              data-note=\"{note}\">{label}</option>\n"
         );
     }
+    let size = (scene.facts.width_pixels, scene.facts.height_pixels);
+    image_figure("The images", &options, size)
+}
+
+/// A figure of two images with a divider, and their difference, for the page's script: `options` are elements
+/// whose data name the images.
+fn image_figure(caption: &str, options: &str, (width, height): (u32, u32)) -> String {
     if options.is_empty() {
         return String::new();
     }
-    let (width, height) = (scene.facts.width_pixels.max(1), scene.facts.height_pixels.max(1));
+    let (width, height) = (width.max(1), height.max(1));
     format!(
-        "<figure class=\"images\"><figcaption>The images</figcaption>\n\
+        "<figure class=\"images\"><figcaption>{caption}</figcaption>\n\
          <div class=\"controls\"><label>Against <span class=\"base\"></span>: <select>\n{options}</select></label>\
          <label class=\"switch\"><input type=\"checkbox\" class=\"heat-switch\"> difference</label></div>\n\
          <div class=\"stage\" style=\"aspect-ratio:{width}/{height}\">\

@@ -1,0 +1,253 @@
+//! How far renders are from a reference, and how much of that is bias.
+//!
+//! With D_k the difference of the k-th render and the reference, and ⟨D_k, D_l⟩ the mean of its product
+//! over pixels and channels, ⟨D_k, D_k⟩ is the k-th squared error. Noise of two renders is independent,
+//! so ⟨D_k, D_l⟩ of two different ones is the squared bias in expectation, and the squared error less
+//! that is the variance: unbiased estimates both, of as few renders as two (U-statistics; Hoeffding, "A
+//! class of statistics with asymptotically normal distribution", 1948). The reference's own noise is in
+//! all of the products; its variance is known and taken off.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::film::Image;
+use crate::stats::{Bootstrap, DARK, Estimate};
+
+/// Two-sided quantile of a normal number for 95 %.
+const TWO_SIDED_95: f64 = 1.96;
+
+/// The image that the others are held against.
+#[derive(Debug, Clone)]
+pub struct Reference {
+    /// Its pixels.
+    pub image: Arc<Image>,
+    /// How well it is known; `None` where nobody told.
+    pub noise: Option<ReferenceNoise>,
+    /// Where it comes from, for people.
+    pub origin: String,
+}
+
+/// The noise of a reference that was rendered.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct ReferenceNoise {
+    /// Samples of each pixel.
+    pub samples_per_pixel: u64,
+    /// Independent renders that it is the mean of.
+    pub renders: u64,
+    /// Mean over pixels and channels of its variance over radiance² + 0.01: the relMSE that it has itself.
+    pub relative_variance: f64,
+    /// Mean over pixels and channels of its variance.
+    pub variance: f64,
+    /// Root of the mean square of variance over radiance² + 0.01, over pixels and channels.
+    pub relative_variance_rms: f64,
+    /// Standard error of its mean radiance.
+    pub mean_standard_error: f64,
+}
+
+/// Renders by other random numbers, summed up to a reference.
+#[derive(Debug, Default)]
+pub struct ReferenceSum {
+    width: u32,
+    height: u32,
+    renders: u64,
+    sum: Vec<[f64; 3]>,
+    squares: Vec<[f64; 3]>,
+    means: Vec<f64>,
+}
+
+impl ReferenceSum {
+    /// Takes one more render of the same size.
+    pub fn add(&mut self, image: &Image) {
+        if self.sum.is_empty() {
+            (self.width, self.height) = (image.width, image.height);
+            self.sum = vec![[0.0; 3]; image.pixels.len()];
+            self.squares = self.sum.clone();
+        }
+        self.renders += 1;
+        for (pixel, (sum, squares)) in image.pixels.iter().zip(self.sum.iter_mut().zip(&mut self.squares)) {
+            for (channel, value) in pixel.to_array().map(f64::from).into_iter().enumerate() {
+                sum[channel] += value;
+                squares[channel] += value * value;
+            }
+        }
+        self.means.push(mean_radiance(image));
+    }
+
+    /// Renders so far.
+    pub fn renders(&self) -> u64 {
+        self.renders
+    }
+
+    /// The mean of the renders, of so many samples each, and its noise by their scatter. It takes two.
+    pub fn reference(&self, samples: u64) -> Reference {
+        let n = self.renders as f64;
+        let pixels = self.sum.iter().map(|sum| glam::DVec3::from_array(sum.map(|s| s / n)).as_vec3());
+        let image = Image::new(self.width, self.height, pixels.collect());
+        let mut noise =
+            ReferenceNoise { samples_per_pixel: samples * self.renders, renders: self.renders, ..Default::default() };
+        let numbers = 3.0 * self.sum.len() as f64;
+        for (sum, squares) in self.sum.iter().zip(&self.squares) {
+            for channel in 0..3 {
+                let mean = sum[channel] / n;
+                let variance = ((squares[channel] / n - mean * mean) / (n - 1.0)).max(0.0);
+                let relative = variance / (mean * mean + DARK);
+                noise.variance += variance / numbers;
+                noise.relative_variance += relative / numbers;
+                noise.relative_variance_rms += relative * relative / numbers;
+            }
+        }
+        noise.relative_variance_rms = noise.relative_variance_rms.sqrt();
+        noise.mean_standard_error = crate::stats::standard_error(&self.means);
+        let origin = format!("{} renders of {samples} samples per pixel", self.renders);
+        Reference { image: Arc::new(image), noise: Some(noise), origin }
+    }
+}
+
+/// Mean over pixels and channels.
+pub fn mean_radiance(image: &Image) -> f64 {
+    let sum: f64 = image.pixels.iter().map(|pixel| f64::from(pixel.x) + f64::from(pixel.y) + f64::from(pixel.z)).sum();
+    sum / (3.0 * image.pixels.len() as f64)
+}
+
+/// Inner products of differences with each other.
+#[derive(Debug, Clone, Default)]
+pub struct Products {
+    /// Row k holds those with itself and all before.
+    rows: Vec<Vec<f64>>,
+}
+
+impl Products {
+    /// How many differences there are.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// Adds the products of one more with all before and itself.
+    pub fn push(&mut self, row: Vec<f64>) {
+        assert_eq!(row.len(), self.rows.len() + 1, "a product with each before and itself");
+        self.rows.push(row);
+    }
+
+    /// The square of the k-th.
+    pub fn square(&self, k: usize) -> f64 {
+        self.rows[k][k]
+    }
+
+    /// The weighted mean of the squares.
+    fn mean_square(&self, weights: &[f64]) -> f64 {
+        let squares = weights.iter().enumerate().map(|(k, weight)| weight * self.square(k));
+        squares.sum::<f64>() / weights.iter().sum::<f64>()
+    }
+
+    /// The weighted mean of the products of two different ones; NaN where one has all the weight.
+    fn mean_product(&self, weights: &[f64]) -> f64 {
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (k, weight) in weights.iter().enumerate() {
+            for (l, other) in weights[..k].iter().enumerate() {
+                sum += weight * other * self.rows[k][l];
+                total += weight * other;
+            }
+        }
+        sum / total
+    }
+
+    /// Variance: the mean square less the mean product.
+    pub fn variance(&self, weights: &[f64]) -> f64 {
+        self.mean_square(weights) - self.mean_product(weights)
+    }
+}
+
+/// A squared error and what it is made of. Estimates, so that a bias that is nearly none may come out below 0.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Decomposition {
+    /// Expected squared error of one render.
+    pub total: Estimate,
+    /// Squared bias: what is left of it however many samples there are.
+    pub bias_squared: Estimate,
+    /// Variance of one render.
+    pub variance: Estimate,
+}
+
+impl Decomposition {
+    /// Of the first `count` differences, two at least, from a reference of that variance, which is known up to
+    /// that standard error.
+    pub fn of(products: &Products, reference_variance: f64, uncertainty: f64, bootstrap: &Bootstrap) -> Option<Self> {
+        let count = products.len();
+        (count >= 2).then(|| {
+            let estimate = |of: &dyn Fn(&[f64]) -> f64| by_renders(count, bootstrap, of);
+            Self {
+                total: widened(estimate(&|w| products.mean_square(w) - reference_variance), uncertainty),
+                bias_squared: widened(estimate(&|w| products.mean_product(w) - reference_variance), uncertainty),
+                variance: estimate(&|w| products.variance(w)),
+            }
+        })
+    }
+
+    /// Whether the bias is surely above none.
+    pub fn is_biased(&self) -> bool {
+        self.bias_squared.low > 0.0
+    }
+}
+
+/// A statistic of `count` renders, with an interval by resampling them: it is given how often each was drawn.
+/// Draws of one render alone have no statistic and are left out.
+pub fn by_renders(count: usize, bootstrap: &Bootstrap, statistic: impl Fn(&[f64]) -> f64) -> Estimate {
+    let value = statistic(&vec![1.0; count]);
+    let indices: Vec<f64> = (0..count).map(|k| k as f64).collect();
+    let drawn = |[indices]: [&[f64]; 1]| {
+        let mut weights = vec![0.0; count];
+        indices.iter().for_each(|k| weights[*k as usize] += 1.0);
+        let drawn = statistic(&weights);
+        if drawn.is_nan() { value } else { drawn }
+    };
+    bootstrap.estimate([&indices], drawn)
+}
+
+/// An estimate to which an independent error of that standard deviation is added.
+pub fn widened(estimate: Estimate, deviation: f64) -> Estimate {
+    let Estimate { value, low, high } = estimate;
+    let more = TWO_SIDED_95 * deviation;
+    Estimate { value, low: value - (value - low).hypot(more), high: value + (high - value).hypot(more) }
+}
+
+/// Mean over pixels and channels of a product of differences of images, over the reference's radiance² + 0.01
+/// and as it is. `a` and `b` are pairs of images whose difference is meant. Pixels of the reference that are not
+/// finite are left out.
+pub fn product(a: [&Image; 2], b: [&Image; 2], reference: &Image) -> (f64, f64) {
+    let (mut relative, mut absolute, mut numbers) = (0.0, 0.0, 0.0);
+    for (i, own) in reference.pixels.iter().enumerate() {
+        if !own.is_finite() {
+            continue;
+        }
+        let apart = |pair: [&Image; 2]| pair[0].pixels[i].as_dvec3() - pair[1].pixels[i].as_dvec3();
+        let product = apart(a) * apart(b);
+        let own = own.as_dvec3();
+        absolute += product.element_sum();
+        relative += (product / (own * own + DARK)).element_sum();
+        numbers += 3.0;
+    }
+    (relative / numbers, absolute / numbers)
+}
+
+impl Reference {
+    /// Its own relMSE, and the standard error of what is left of its noise in an estimate of squared bias.
+    pub fn relative_noise(&self) -> (f64, f64) {
+        let numbers = 3.0 * self.image.pixels.len() as f64;
+        // The square of a normal number of variance v has variance 2 v². Channels share their paths.
+        let uncertainty = |rms: f64| (2.0 * 3.0 / numbers).sqrt() * rms;
+        self.noise.map_or((0.0, 0.0), |noise| (noise.relative_variance, uncertainty(noise.relative_variance_rms)))
+    }
+
+    /// The same of the absolute error.
+    pub fn absolute_noise(&self) -> (f64, f64) {
+        let (relative, uncertainty) = self.relative_noise();
+        let variance = self.noise.map_or(0.0, |noise| noise.variance);
+        (variance, if relative > 0.0 { uncertainty * variance / relative } else { 0.0 })
+    }
+}

@@ -1,0 +1,421 @@
+//! How a sweep is carried out: a reference, one knob at a time, then what was worth it together.
+
+use std::ops::ControlFlow;
+
+use super::departures::{Reference, ReferenceSum, mean_radiance};
+use super::knobs::{Base, KNOBS, exact, label};
+use super::report::{KnobReport, PointReport, Stage, TradeoffReport, Worth};
+use crate::stats::{Bootstrap, SplitMix64};
+use crate::studies::{Configuration, Measurement, Purpose, Renderer, SceneFacts, StudyError, shuffle};
+
+/// Share of the budget that goes to the reference, where none is there yet.
+const REFERENCE_SHARE: f64 = 0.35;
+/// Share of the budget that goes to knobs, one at a time.
+const ONE_KNOB_SHARE: f64 = 0.35;
+/// Rounds of a stage in any case: an interval of 95 % needs six.
+const FEWEST_ROUNDS: usize = 6;
+/// Rounds that the samples of the base are chosen for.
+const WANTED_ROUNDS: usize = 8;
+/// Renders of a reference, at least: their scatter tells its noise.
+const FEWEST_REFERENCES: u64 = 8;
+/// First seed of a reference; points begin at 0.
+const REFERENCE_SEED: u32 = 1 << 30;
+/// Numbers of samples of what is combined, over those of the base.
+const LADDER: [f64; 5] = [1.0 / 16.0, 0.25, 1.0, 4.0, 16.0];
+/// Share of the base's error at which knobs are chosen to be combined.
+const FINER: f64 = 0.25;
+/// Time of the base's to an equal error below which a knob is worth a try with others.
+const PROMISING: f64 = 0.97;
+/// Time of the base's that it must surely be below for that.
+const HARDLY_WORSE: f64 = 1.1;
+/// Configurations that are taken on towards a wanted error.
+const CANDIDATES: usize = 3;
+
+/// A sweep: a scene, how long it may take, and what is asked.
+#[derive(Debug, Clone)]
+pub struct Sweep {
+    /// The scene.
+    pub scene: String,
+    /// Seconds of rendering that it may take, on the host's clock. Building kernels and writing files come on
+    /// top.
+    pub budget_seconds: f64,
+    /// Rounds of a stage at most.
+    pub rounds: usize,
+    /// Whether the base's samples stand. Otherwise they are cut to what the budget has room for.
+    pub fixed_samples: bool,
+    /// relMSE of the reference by its own noise that is good enough.
+    pub reference_error: f64,
+    /// The relMSE that is to be reached soonest, if one is.
+    pub target: Option<f64>,
+    /// How intervals are made.
+    pub bootstrap: Bootstrap,
+    /// Seed of the order of the renders.
+    pub seed: u64,
+}
+
+/// Keeps references from one sweep to the next.
+pub trait ReferenceKeeper {
+    /// One of the scene as those settings have it, if there is one.
+    ///
+    /// # Errors
+    /// One that was named and cannot be read or has another size.
+    fn load(&mut self, facts: &SceneFacts, base: &Base) -> Result<Option<Reference>, StudyError>;
+
+    /// Keeps one.
+    fn store(&mut self, facts: &SceneFacts, base: &Base, reference: &Reference);
+}
+
+/// What a stage will do, told before it begins.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweepPlan {
+    /// What it is.
+    pub stage: &'static str,
+    /// Points that are rendered in each round.
+    pub points: Vec<String>,
+    /// Rounds.
+    pub rounds: usize,
+    /// Seconds of rendering that it takes, about.
+    pub seconds: f64,
+    /// Bytes of images that it keeps, about.
+    pub image_bytes: u64,
+}
+
+/// What happens in a sweep, as it happens.
+#[derive(Debug, Clone, Copy)]
+#[allow(missing_docs, reason = "the fields say it")]
+pub enum SweepEvent<'a> {
+    /// What is about to be done.
+    Planned(&'a SweepPlan),
+    /// A render begins; a reference has no round.
+    Rendering { label: &'a str, round: Option<usize> },
+    /// The report has changed: worth writing down, in case there is no next one.
+    Updated(&'a TradeoffReport),
+}
+
+/// Hears of events and says whether to go on.
+pub type SweepListener<'a> = dyn FnMut(SweepEvent<'_>) -> ControlFlow<()> + 'a;
+
+/// A point with one knob turned: its place, the factor, its level and the base's.
+type Turned = (usize, &'static str, String, String);
+
+/// A sweep under way.
+struct Run<'a> {
+    sweep: &'a Sweep,
+    renderer: &'a mut dyn Renderer,
+    listen: &'a mut SweepListener<'a>,
+    report: TradeoffReport,
+    turned: Vec<Turned>,
+    random: SplitMix64,
+    /// Seconds of rendering so far.
+    spent: f64,
+    /// Seconds of a sample of every pixel in the base.
+    sample_seconds: f64,
+}
+
+impl Sweep {
+    /// Carries the sweep out. When `listen` breaks it ends there, and the report holds what there is.
+    ///
+    /// # Errors
+    /// A scene that does not open, a base that does not render, a reference that does not fit.
+    pub fn run<'a>(
+        &'a self,
+        renderer: &'a mut dyn Renderer,
+        keeper: &mut dyn ReferenceKeeper,
+        listen: &'a mut SweepListener<'a>,
+    ) -> Result<TradeoffReport, StudyError> {
+        let facts =
+            renderer.open(&self.scene).map_err(|cause| StudyError::Scene { scene: self.scene.clone(), cause })?;
+        let report = TradeoffReport::new(self, facts);
+        let random = SplitMix64::new(self.seed);
+        let mut run =
+            Run { sweep: self, renderer, listen, report, turned: Vec::new(), random, spent: 0.0, sample_seconds: 0.0 };
+        let outcome = run.carry_out(keeper)?;
+        run.report.complete = outcome.is_continue();
+        run.report.analyse(&run.turned, self.target);
+        let _ = (run.listen)(SweepEvent::Updated(&run.report));
+        Ok(run.report)
+    }
+}
+
+impl TradeoffReport {
+    fn new(sweep: &Sweep, facts: SceneFacts) -> Self {
+        Self {
+            complete: false,
+            base_samples: facts.samples_per_pixel,
+            facts,
+            base_settings: serde_json::Map::new(),
+            reference: String::new(),
+            reference_noise: None,
+            confidence: sweep.bootstrap.confidence,
+            bootstrap_resamples: sweep.bootstrap.resamples,
+            seed: sweep.seed,
+            points: Vec::new(),
+            knobs: Vec::new(),
+            front: Vec::new(),
+            target: None,
+            bootstrap: sweep.bootstrap,
+            held_against: None,
+        }
+    }
+}
+
+impl Run<'_> {
+    fn carry_out(&mut self, keeper: &mut dyn ReferenceKeeper) -> Result<ControlFlow<()>, StudyError> {
+        let mut base = self.first_look()?;
+        let Some(reference) = self.reference(&base, keeper)? else { return Ok(ControlFlow::Break(())) };
+        base.mean_radiance = mean_radiance(&reference.image);
+        self.report.reference.clone_from(&reference.origin);
+        self.report.reference_noise = reference.noise;
+        self.report.held_against = Some(reference);
+
+        self.choose_samples(&base);
+        self.turn_knobs(&base);
+        let knobs = (0..self.report.points.len()).collect();
+        let rest = self.sweep.budget_seconds - self.spent;
+        let share = rest * ONE_KNOB_SHARE / (1.0 - REFERENCE_SHARE);
+        if self.stage("one knob at a time", knobs, share).is_break() {
+            return Ok(ControlFlow::Break(()));
+        }
+        let rest = self.sweep.budget_seconds - self.spent;
+        let share = if self.sweep.target.is_some() { 0.6 * rest } else { rest };
+        let combined = self.combine(&base, share);
+        if !combined.is_empty() && self.stage("what is worth it, along the samples", combined, share).is_break() {
+            return Ok(ControlFlow::Break(()));
+        }
+        let Some(target) = self.sweep.target else { return Ok(ControlFlow::Continue(())) };
+        let rest = self.sweep.budget_seconds - self.spent;
+        let candidates = self.candidates(&base, target, rest);
+        if candidates.is_empty() {
+            return Ok(ControlFlow::Continue(()));
+        }
+        Ok(self.stage("towards the wanted error", candidates, rest))
+    }
+
+    /// The first render of the base: its settings, and how fast it is.
+    fn first_look(&mut self) -> Result<Base, StudyError> {
+        let few = self.report.base_samples.min(8);
+        let configuration = Configuration::default().with("samples", &few.to_string());
+        let _ = (self.listen)(SweepEvent::Rendering { label: "first look", round: None });
+        let broken = |cause: String| StudyError::Baseline {
+            scene: self.report.facts.scene.clone(),
+            configuration: "the base".to_owned(),
+            cause,
+        };
+        let first = self.renderer.run(&configuration, Purpose::First).map_err(|cause| broken(cause.to_string()))?;
+        self.spent += first.wall_seconds;
+        self.sample_seconds = first.wall_seconds / f64::from(few);
+        self.report.base_settings.clone_from(&first.settings);
+        Ok(Base { settings: first.settings, mean_radiance: 0.0 })
+    }
+
+    /// The reference: one that is kept, or a new one. `None` where the user broke off.
+    fn reference(&mut self, base: &Base, keeper: &mut dyn ReferenceKeeper) -> Result<Option<Reference>, StudyError> {
+        if let Some(reference) = keeper.load(&self.report.facts, base)? {
+            return Ok(Some(reference));
+        }
+        let allowed = REFERENCE_SHARE * self.sweep.budget_seconds;
+        // A render a fiftieth of what is allowed, so that their number is a matter of noise.
+        let samples = (allowed / 50.0 / self.sample_seconds).clamp(1.0, 1024.0) as u32;
+        let configuration = exact(&Configuration::default()).with("samples", &samples.to_string());
+        let plan = SweepPlan {
+            stage: "reference",
+            points: vec![label(&configuration)],
+            rounds: (allowed / (f64::from(samples) * self.sample_seconds)) as usize,
+            seconds: allowed,
+            image_bytes: 0,
+        };
+        let _ = (self.listen)(SweepEvent::Planned(&plan));
+        let mut sum = ReferenceSum::default();
+        let begin = self.spent;
+        loop {
+            if (self.listen)(SweepEvent::Rendering { label: "reference", round: None }).is_break() {
+                return Ok(None);
+            }
+            let seed = REFERENCE_SEED + sum.renders() as u32;
+            let broken = |cause: String| StudyError::Baseline {
+                scene: self.report.facts.scene.clone(),
+                configuration: "the reference".to_owned(),
+                cause,
+            };
+            let rendered = self.renderer.run(&configuration, Purpose::Seeded(seed));
+            let measurement = rendered.map_err(|cause| broken(cause.to_string()))?;
+            self.spent += measurement.wall_seconds;
+            let image = measurement.image.ok_or_else(|| broken("the renderer made no image".to_owned()))?;
+            sum.add(&image);
+            if sum.renders() < FEWEST_REFERENCES {
+                continue;
+            }
+            let reference = sum.reference(samples.into());
+            let good = reference.noise.is_some_and(|noise| noise.relative_variance <= self.sweep.reference_error);
+            if good || self.spent - begin >= allowed {
+                keeper.store(&self.report.facts, base, &reference);
+                return Ok(Some(reference));
+            }
+        }
+    }
+
+    /// Cuts the base's samples to what the budget has room for.
+    fn choose_samples(&mut self, base: &Base) {
+        if self.sweep.fixed_samples {
+            return;
+        }
+        let points = 1 + KNOBS.iter().map(|knob| knob.other_levels(base).len()).sum::<usize>();
+        let rest = (self.sweep.budget_seconds - self.spent) * ONE_KNOB_SHARE / (1.0 - REFERENCE_SHARE);
+        let samples = rest / (WANTED_ROUNDS * points) as f64 / self.sample_seconds;
+        let power = (samples.max(1.0).log2().floor()).exp2() as u32;
+        self.report.base_samples = power.min(self.report.base_samples).max(1);
+    }
+
+    fn turn_knobs(&mut self, base: &Base) {
+        let samples = self.report.base_samples.to_string();
+        let start = Configuration::default().with("samples", &samples);
+        self.report.points.push(PointReport::new(start.clone(), Stage::OneKnob, base));
+        for knob in KNOBS {
+            for level in knob.other_levels(base) {
+                let configuration = start.with(knob.factor, &level);
+                self.turned.push((self.report.points.len(), knob.factor, level, base.level(knob)));
+                self.report.points.push(PointReport::new(configuration, Stage::OneKnob, base));
+            }
+        }
+    }
+
+    /// What seems worth it alone, put together along the number of samples: the base, all knobs without bias, and
+    /// beside them each that is biased, and all of those. As many numbers of samples as fit the seconds. Yields the
+    /// new points' places.
+    fn combine(&mut self, base: &Base, seconds: f64) -> Vec<usize> {
+        // The samples stand first, as in the points with one knob turned.
+        let none = Configuration::default().with("samples", &self.report.base_samples.to_string());
+        let error = self.report.points[0].rel_mse.map_or(f64::INFINITY, |error| error.total.value);
+        // What is biased must be worth it with more samples too.
+        let wanted = self.sweep.target.unwrap_or(FINER * error);
+        let buys = |knob: &KnobReport| {
+            knob.time_to(wanted).filter(|ratio| *ratio < PROMISING && knob.cost_ratio.high < HARDLY_WORSE)
+        };
+        let best = |biased: bool| {
+            let mut best: Vec<(&KnobReport, f64)> = Vec::new();
+            let promising =
+                self.report.knobs.iter().filter(|knob| knob.worth != Worth::Never && knob.biased() == biased);
+            for (knob, ratio) in promising.filter_map(|knob| Some((knob, buys(knob)?))) {
+                match best.iter_mut().find(|(other, _)| other.factor == knob.factor) {
+                    Some(other) if other.1 > ratio => *other = (knob, ratio),
+                    Some(_) => {}
+                    None => best.push((knob, ratio)),
+                }
+            }
+            best
+        };
+        let with = |arm: &(Configuration, f64), knob: &KnobReport| {
+            // Two levels of one factor cannot be had together.
+            let ratio = if arm.0.level(knob.factor).is_some() { 1.0 } else { knob.time_ratio.value };
+            (arm.0.with(knob.factor, &knob.level), arm.1 * ratio)
+        };
+        let (right, biased) = (best(false), best(true));
+        let start = (none, 1.0);
+        let all_right = right.iter().fold(start.clone(), |arm, (knob, _)| with(&arm, knob));
+        let everything = biased.iter().fold(all_right.clone(), |arm, (knob, _)| with(&arm, knob));
+        let mut arms = vec![start, all_right.clone()];
+        arms.extend(biased.iter().map(|(knob, _)| with(&all_right, knob)));
+        arms.push(everything);
+        let mut points: Vec<(Configuration, f64)> = Vec::new();
+        for (configuration, time_ratio) in arms {
+            for step in LADDER {
+                let samples = (f64::from(self.report.base_samples) * step).round();
+                let configuration = configuration.with("samples", &samples.to_string());
+                // What was rendered as one knob is there already, in as many renders as it needs.
+                let known =
+                    self.report.point(&configuration).is_some() || points.iter().any(|(c, _)| *c == configuration);
+                if samples >= 1.0 && !known {
+                    points.push((configuration, samples * self.sample_seconds * time_ratio));
+                }
+            }
+        }
+        let round = |points: &[(Configuration, f64)]| points.iter().map(|(_, seconds)| seconds).sum::<f64>();
+        while FEWEST_ROUNDS as f64 * round(&points) > seconds && points.len() > 1 {
+            let longest = (0..points.len()).max_by(|&a, &b| points[a].1.total_cmp(&points[b].1));
+            points.remove(longest.unwrap_or(0));
+        }
+        let first = self.report.points.len();
+        self.report.points.extend(points.into_iter().map(|(c, _)| PointReport::new(c, Stage::Combined, base)));
+        (first..self.report.points.len()).collect()
+    }
+
+    /// Points at which those that seem to reach the wanted error soonest should reach it, as many as fit the
+    /// seconds. What is too long to be rendered is inferred.
+    fn candidates(&mut self, base: &Base, target: f64, seconds: f64) -> Vec<usize> {
+        self.report.analyse(&self.turned, Some(target));
+        let Some(answer) = &self.report.target else { return Vec::new() };
+        let mut left = seconds;
+        let fits = |time: &f64| {
+            left -= FEWEST_ROUNDS as f64 * time;
+            left >= 0.0
+        };
+        let fitting = answer.arms.iter().map(|(_, time)| *time).take_while(fits).count().min(CANDIDATES);
+        let wanted: Vec<Configuration> = answer.candidates[..fitting].to_vec();
+        let first = self.report.points.len();
+        for configuration in wanted {
+            if self.report.point(&configuration).is_none() {
+                self.report.points.push(PointReport::new(configuration, Stage::Target, base));
+            }
+        }
+        (first..self.report.points.len()).collect()
+    }
+
+    /// Rounds over the points, each in an order of its own, for as long as the seconds last.
+    fn stage(&mut self, name: &'static str, points: Vec<usize>, seconds: f64) -> ControlFlow<()> {
+        let samples = |i: &usize| f64::from(self.report.points[*i].samples) * self.sample_seconds;
+        let round_seconds: f64 = points.iter().map(samples).sum();
+        let fitting = if round_seconds > 0.0 { (seconds / round_seconds) as usize } else { usize::MAX };
+        let rounds = fitting.clamp(FEWEST_ROUNDS, self.sweep.rounds.max(FEWEST_ROUNDS));
+        let pixels = u64::from(self.report.facts.width_pixels) * u64::from(self.report.facts.height_pixels);
+        let plan = SweepPlan {
+            stage: name,
+            points: points.iter().map(|i| self.report.points[*i].full_label()).collect(),
+            rounds,
+            seconds: rounds as f64 * round_seconds,
+            image_bytes: 12 * pixels * (points.len() * rounds) as u64,
+        };
+        let begin = self.spent;
+        (self.listen)(SweepEvent::Planned(&plan))?;
+        for round in 0..rounds {
+            // Later rounds are given up where earlier ones took longer than was thought.
+            if round >= FEWEST_ROUNDS && self.spent - begin + round_seconds > seconds.max(plan.seconds) {
+                break;
+            }
+            let outcome = self.round(round, &points);
+            self.report.analyse(&self.turned, self.sweep.target);
+            (self.listen)(SweepEvent::Updated(&self.report))?;
+            outcome?;
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn round(&mut self, round: usize, points: &[usize]) -> ControlFlow<()> {
+        let mut order: Vec<usize> =
+            points.iter().copied().filter(|i| self.report.points[*i].failed.is_none()).collect();
+        shuffle(&mut order, &mut self.random);
+        for i in order {
+            let label = self.report.points[i].full_label();
+            (self.listen)(SweepEvent::Rendering { label: &label, round: Some(round) })?;
+            // All points have the same seeds, so that they can be held against each other render by render.
+            let seed = round as u32;
+            let rendered = self.renderer.run(&self.report.points[i].configuration, Purpose::Seeded(seed));
+            self.take(i, seed, rendered.map_err(|cause| cause.to_string()));
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn take(&mut self, i: usize, seed: u32, rendered: Result<Measurement, String>) {
+        let reference = self.report.held_against.as_ref().expect("a stage has a reference");
+        let point = &mut self.report.points[i];
+        match rendered {
+            Err(cause) => point.failed = Some(cause),
+            Ok(mut measurement) => {
+                self.spent += measurement.wall_seconds;
+                match measurement.image.take() {
+                    None => point.failed = Some("the renderer made no image".to_owned()),
+                    Some(image) => point.add(seed, measurement, image, reference),
+                }
+            }
+        }
+    }
+}
