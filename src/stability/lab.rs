@@ -99,8 +99,9 @@ impl Lab<'_> {
         let (film, nonfinite) = self.film(scene, settings)?;
         let wrong = |(pixel, sum): (usize, &DVec3)| {
             let expected = expected(pixel);
-            // Not the other way round: what is no number is wrong.
-            !((*sum - expected).abs().max_element() <= tolerance * expected)
+            let error = (*sum - expected).abs().max_element();
+            // What is no number is wrong.
+            error.is_nan() || error > tolerance * expected
         };
         let wrong = film.sum.iter().enumerate().filter(|sample| wrong(*sample)).count();
         Ok(share(wrong as u64, film.sum.len() as u64, nonfinite))

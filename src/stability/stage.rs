@@ -143,7 +143,7 @@ pub fn ball(radii: DVec3, rows: u32) -> Vec<Vec<DVec3>> {
         let (sin_row, cos_row) = (std::f64::consts::PI * f64::from(row) / f64::from(rows)).sin_cos();
         let (sin, cos) = (std::f64::consts::PI * f64::from(column % (2 * rows)) / f64::from(rows)).sin_cos();
         // The poles are one point whatever the meridian.
-        let sin_row = if row % rows == 0 { 0.0 } else { sin_row };
+        let sin_row = if row.is_multiple_of(rows) { 0.0 } else { sin_row };
         radii * dvec3(sin_row * sin, cos_row, sin_row * cos)
     };
     let bands = (0..rows).flat_map(|row| (0..2 * rows).map(move |column| (row, column)));
