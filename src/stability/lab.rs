@@ -108,7 +108,7 @@ impl Lab<'_> {
     }
 
     /// The share of samples, one a pixel, whose radiance is not that of the oracle's path, divided by `scale`. It may be
-    /// off by [`CLOSE`] of its own and, unless `own` is set, of the image's mean.
+    /// off by `CLOSE` of its own and, unless `own` is set, of the image's mean.
     pub fn against_paths(
         &self,
         scene: &Scene,

@@ -2,7 +2,7 @@
 //! a closed form.
 //!
 //! This room owns the scenes of that study, what they should give, and what is promised. It renders on a device; what
-//! came of it is an [`Envelope`], which `studies` judges and `export` writes. It never prints.
+//! came of it is an [`Envelope`](crate::studies::Envelope), which `studies` judges and `export` writes. It never prints.
 
 mod film;
 mod lab;
