@@ -604,7 +604,12 @@ fn ask_for_light(bench: &Bench, count: usize, random: &mut Uniform) -> (Vec<Ligh
             u: random.next(),
         })
         .collect();
-    let answers = bench.run("light", &queries);
+    let mut answers: Vec<LightAnswer> = bench.run("light", &queries);
+    // Kernels know radiance times a power of two.
+    let unscaled = |radiance: [f32; 4]| radiance.map(|c| c / bench.scene.radiance_scale as f32);
+    for answer in &mut answers {
+        (answer.radiance, answer.infinity) = (unscaled(answer.radiance), unscaled(answer.infinity));
+    }
     (queries, answers)
 }
 
