@@ -36,8 +36,17 @@ uint descend(uint current, vec3 origin, vec3 inverse, float limit, inout Stack s
     return neither ? newest : near;
 }
 
-uint leaf_count(uint leaf) { return (leaf & ~LEAF_BIT) >> LEAF_COUNT_SHIFT; }
+bool is_leaf(uint reference) { return !is_inner(reference) && reference != TRAVERSAL_DONE; }
+uint leaf_count(uint reference) { return is_leaf(reference) ? (reference & ~LEAF_BIT) >> LEAF_COUNT_SHIFT : 0u; }
 uint leaf_first(uint leaf) { return leaf & ((1u << LEAF_COUNT_SHIFT) - 1u); }
+
+// Steps from a leaf to the newest entry of the stack; stays at an inner node, where the walk waited for
+// the stack to be balanced.
+uint leave_leaf(uint current, inout Stack stack) {
+    bool leaf = is_leaf(current);
+    uint newest = update_stack(stack, false, leaf, 0u);
+    return leaf ? newest : current;
+}
 
 Hit trace_closest_binary(Ray ray) {
     vec3 inverse = safe_inverse(ray.direction);
@@ -46,18 +55,17 @@ Hit trace_closest_binary(Ray ray) {
     Stack stack = empty_stack();
     uint current = 0u;
     while (current != TRAVERSAL_DONE) {
-        while (is_inner(current)) {
+        while (is_inner(current) && !is_unbalanced(stack)) {
             current = descend(current, ray.origin, inverse, nearest.hit.distance, stack);
         }
-        if (current != TRAVERSAL_DONE) {
-            uint triangle = leaf_first(current);
-            uint end = triangle + leaf_count(current);
-            while (triangle < end) {
-                meet_triangle(triangle, ray, space, nearest);
-                triangle += 1u;
-            }
-            current = update_stack(stack, false, true, 0u);
+        uint triangle = leaf_first(current);
+        uint end = triangle + leaf_count(current);
+        while (triangle < end) {
+            meet_triangle(triangle, ray, space, nearest);
+            triangle += 1u;
         }
+        balance_stack(stack);
+        current = leave_leaf(current, stack);
     }
     return nearest.hit;
 }
@@ -69,19 +77,18 @@ bool trace_any_binary(Ray ray, uint target, float limit) {
     Stack stack = empty_stack();
     uint current = 0u;
     while (current != TRAVERSAL_DONE) {
-        while (is_inner(current)) {
+        while (is_inner(current) && !is_unbalanced(stack)) {
             current = descend(current, ray.origin, inverse, limit, stack);
         }
-        if (current != TRAVERSAL_DONE) {
-            uint triangle = leaf_first(current);
-            uint end = triangle + leaf_count(current);
-            while (triangle < end) {
-                blocked = blocks(triangle, fetch_triangle(triangle), ray, space, target, limit) || blocked;
-                triangle += 1u;
-            }
-            uint newest = update_stack(stack, false, true, 0u);
-            current = blocked ? TRAVERSAL_DONE : newest;
+        uint triangle = leaf_first(current);
+        uint end = triangle + leaf_count(current);
+        while (triangle < end) {
+            blocked = blocks(triangle, fetch_triangle(triangle), ray, space, target, limit) || blocked;
+            triangle += 1u;
         }
+        balance_stack(stack);
+        uint next = leave_leaf(current, stack);
+        current = blocked ? TRAVERSAL_DONE : next;
     }
     return blocked;
 }

@@ -26,22 +26,28 @@ Stack empty_stack() { return Stack(uvec4(TRAVERSAL_DONE), uvec4(TRAVERSAL_DONE),
 
 uint block_place(uint block) { return block * frame.path_capacity + gl_GlobalInvocationID.x; }
 
-// Makes room for a push, or brings back what a pop will need.
-void balance_stack(inout Stack stack, bool pushes, bool pops) {
-    while (pushes && stack.count == STACK_REGISTERS) {
+// Whether the stack has no room for a push in registers, or nothing there for a pop.
+bool is_unbalanced(Stack stack) {
+    return STACK_SPILLS && (stack.count == STACK_REGISTERS || (stack.count == 0u && stack.blocks > 0u));
+}
+
+// Makes room for a push, and brings back what a pop will need.
+void balance_stack(inout Stack stack) {
+    while (STACK_SPILLS && stack.count == STACK_REGISTERS) {
         stack_blocks.entries[block_place(stack.blocks)] = stack.older;
         stack.blocks += 1u;
         stack.count -= STACK_BLOCK;
     }
-    while (pops && stack.count == 0u && stack.blocks > 0u) {
+    while (STACK_SPILLS && stack.count == 0u && stack.blocks > 0u) {
         stack.blocks -= 1u;
         stack.newer = stack_blocks.entries[block_place(stack.blocks)];
         stack.count = STACK_BLOCK;
     }
 }
 
-// As update_stack, of a stack that is balanced.
-uint shift_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
+// Pushes `entry` if `pushes`, or pops and yields the newest entry if `pops`; not both. The stack is
+// balanced before.
+uint update_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
     if (STACK_SPILLS) {
         stack.count += pushes ? 1u : 0u;
         stack.count -= pops && stack.count > 0u ? 1u : 0u;
@@ -54,14 +60,6 @@ uint shift_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
     stack.newer = pushes ? pushed_newer : pops ? popped_newer : stack.newer;
     stack.older = pushes ? pushed_older : pops ? popped_older : stack.older;
     return popped;
-}
-
-// Pushes `entry` if `pushes`, or pops and yields the newest entry if `pops`; not both.
-uint update_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
-    if (STACK_SPILLS) {
-        balance_stack(stack, pushes, pops);
-    }
-    return shift_stack(stack, pushes, pops, entry);
 }
 
 #endif

@@ -86,9 +86,6 @@ uint meet_children(uint node, GridRay ray, float limit, out uint first_triangle)
 // those that the stack remembers. A stack entry is a node and its children left.
 uint next_node(uint node, uint inner, uint octant, inout Stack stack) {
     bool own = inner != 0u;
-    if (STACK_SPILLS) {
-        balance_stack(stack, own, !own);
-    }
     uint group = own ? (node << 8) | inner : stack.newer.x;
     bool none = group == TRAVERSAL_DONE;
     group = none ? 1u : group;
@@ -96,7 +93,7 @@ uint next_node(uint node, uint inner, uint octant, inout Stack stack) {
     uint rest = group & ~(1u << nearest);
     bool left = (rest & 255u) != 0u;
     stack.newer.x = !own && left ? rest : stack.newer.x;
-    shift_stack(stack, own && left, !own && !left, rest);
+    update_stack(stack, own && left, !own && !left, rest);
     uint links = fetch_nodes(WIDE_TEXELS * (group >> 8) + 1u).x;
     uint child = (links >> 8) + bitCount(links & 255u & ((1u << (nearest ^ (octant & 7u))) - 1u));
     return none ? NO_NODE : child;
@@ -133,29 +130,34 @@ uint take_triangle(inout Postponed triangles) {
     return triangle;
 }
 
-// Visits nodes from `node` on, until `capacity` groups of triangles are found or no node is left.
-Postponed find_triangles(inout uint node, inout Stack stack, GridRay grid, float limit, uint capacity) {
-    Postponed triangles = none_postponed();
-    while (!is_full(triangles, capacity) && node != NO_NODE) {
+// Visits nodes from `node` on, until `capacity` groups of triangles are found, no node is left, or the
+// stack wants balance.
+void find_triangles(inout uint node, inout Stack stack, inout Postponed triangles, GridRay grid, float limit, uint capacity) {
+    while (!is_full(triangles, capacity) && node != NO_NODE && !is_unbalanced(stack)) {
         uint first_triangle;
         uint hits = meet_children(node, grid, limit, first_triangle);
         postpone(triangles, hits & ((1u << WIDE_INNER_BIT) - 1u), first_triangle);
         node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
     }
-    return triangles;
 }
+
+// Whether triangles are to be met: none more are waited for, or there is no place for them.
+bool is_due(Postponed triangles, uint node, uint capacity) { return is_full(triangles, capacity) || node == NO_NODE; }
 
 Hit trace_closest_wide(Ray ray) {
     GridRay grid = grid_ray(ray);
     RaySpace space = ray_space(ray.direction);
     Nearest nearest = nothing();
     Stack stack = empty_stack();
+    Postponed triangles = none_postponed();
     uint node = 0u;
     while (node != NO_NODE) {
-        Postponed triangles = find_triangles(node, stack, grid, nearest.hit.distance, CLOSEST_GROUPS);
-        while (any_left(triangles)) {
+        find_triangles(node, stack, triangles, grid, nearest.hit.distance, CLOSEST_GROUPS);
+        bool due = is_due(triangles, node, CLOSEST_GROUPS);
+        while (due && any_left(triangles)) {
             meet_triangle(take_triangle(triangles), ray, space, nearest);
         }
+        balance_stack(stack);
     }
     return nearest.hit;
 }
@@ -165,14 +167,17 @@ bool trace_any_wide(Ray ray, uint target, float limit) {
     RaySpace space = ray_space(ray.direction);
     bool blocked = false;
     Stack stack = empty_stack();
+    Postponed triangles = none_postponed();
     uint node = 0u;
     while (node != NO_NODE) {
-        Postponed triangles = find_triangles(node, stack, grid, limit, ANY_GROUPS);
-        while (any_left(triangles)) {
+        find_triangles(node, stack, triangles, grid, limit, ANY_GROUPS);
+        bool due = is_due(triangles, node, ANY_GROUPS);
+        while (due && any_left(triangles)) {
             uint triangle = take_triangle(triangles);
             blocked = blocks(triangle, fetch_triangle(triangle), ray, space, target, limit) || blocked;
         }
         node = blocked ? NO_NODE : node;
+        balance_stack(stack);
     }
     return blocked;
 }

@@ -26,6 +26,7 @@ uint deepest_wide_stack(Ray ray) {
         uint first_triangle;
         uint hits = meet_children(node, grid, FARTHEST, first_triangle);
         node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
+        balance_stack(stack);
         deepest = max(deepest, entries(stack));
     }
     return deepest;
@@ -41,6 +42,7 @@ uint deepest_binary_stack(Ray ray) {
         } else {
             current = update_stack(stack, false, true, 0u);
         }
+        balance_stack(stack);
         deepest = max(deepest, entries(stack));
     }
     return deepest;
