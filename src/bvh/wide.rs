@@ -3,6 +3,8 @@
 //! (Ylitie, Karras and Laine 2017, Efficient Incoherent Ray Traversal on GPUs Through Compressed
 //! Wide BVHs, section 3; their node, with four children too.)
 
+use std::collections::{HashMap, HashSet};
+
 use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -40,6 +42,8 @@ struct Open {
 /// What the collapse knows of the whole tree.
 struct Collapse<'a> {
     tree: &'a Bvh2,
+    /// Of each node of the tree.
+    choices: Vec<Choice>,
     width: usize,
     node_texels: usize,
     root_area: f64,
@@ -52,7 +56,8 @@ struct Collapse<'a> {
 pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
     let root_area = f64::from(tree.nodes[0].aabb.half_area()).max(f64::MIN_POSITIVE);
     let node_texels = bvh.kind.node_texels();
-    let collapse = Collapse { tree, width: bvh.kind.width() as usize, node_texels, root_area };
+    let width = bvh.kind.width() as usize;
+    let collapse = Collapse { tree, choices: choices(tree, width), width, node_texels, root_area };
     let mut top = Part { texels: vec![[0; 4]; node_texels], ..Part::default() };
     let mut level = vec![Open { source: 0, index: 0, level: 1 }];
     while !level.is_empty() && level.len() < PARTS {
@@ -91,6 +96,37 @@ pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
 }
 
 impl Collapse<'_> {
+    /// Whether a node of the tree becomes a leaf where it is a child.
+    fn is_leaf(&self, node: u32) -> bool {
+        self.choices[node as usize][1] == 0
+    }
+
+    /// The children of the wide node that a node of the tree becomes, and how many they are.
+    fn children(&self, source: u32) -> ([u32; WIDEST], usize) {
+        let (mut children, mut count) = ([source; WIDEST], 0);
+        // Nodes, and as how many children each of them goes on.
+        let mut open = [(source, self.width); WIDEST];
+        let mut opened = 1;
+        while opened > 0 {
+            opened -= 1;
+            let (node, mut most) = open[opened];
+            let choice = self.choices[node as usize];
+            while most > 1 && choice[most] == 0 {
+                most -= 1;
+            }
+            if most == 1 {
+                children[count] = node;
+                count += 1;
+            } else {
+                let (first, share) = (self.tree.nodes[node as usize].first_index, usize::from(choice[most]));
+                open[opened] = (first, share);
+                open[opened + 1] = (first + 1, most - share);
+                opened += 2;
+            }
+        }
+        (children, count)
+    }
+
     /// All nodes from one of the binary tree on, depth first.
     fn subtree(&self, source: u32, level: u32) -> Part {
         let mut part = Part { texels: vec![[0; 4]; self.node_texels], ..Part::default() };
@@ -110,13 +146,14 @@ impl Collapse<'_> {
         part.sah_cost += area_share(node_box);
         let mut node = NodeWriter::new(node_box, part.order.len() as u32);
         node.first_child = (part.texels.len() / self.node_texels) as u32;
-        let (children, count) = widest_children(tree, source, self.width);
+        let (children, count) = self.children(source);
         let (mut inner, mut inner_count) = ([0; WIDEST], 0);
         for &child in &children[..count] {
             let aabb = &tree.nodes[child as usize].aabb;
-            if let Some(count) = small_count(tree, child) {
+            if self.is_leaf(child) {
                 let first = part.order.len() as u32;
                 push_triangles(tree, child, &mut part.order);
+                let count = part.order.len() as u32 - first;
                 node.push_leaf(aabb, first, count);
                 part.leaf_count += 1;
                 part.sah_cost += area_share(aabb) * f64::from(count);
@@ -140,51 +177,117 @@ impl Collapse<'_> {
     }
 }
 
-/// Triangles under a node of the tree, if a leaf can hold them.
-fn small_count(tree: &Bvh2, node: u32) -> Option<u32> {
-    /// As many as there are up to `most`, else more than that.
-    fn count(tree: &Bvh2, node: u32, most: u32) -> u32 {
-        let node = &tree.nodes[node as usize];
-        if node.is_leaf() || most < 2 {
-            // An inner node has two triangles or more.
-            return if node.is_leaf() { 1 } else { 2 };
-        }
-        let left = count(tree, node.first_index, most - 1);
-        if left < most { left + count(tree, node.first_index + 1, most - left) } else { most + 1 }
-    }
-    let count = count(tree, node, WIDE_LEAF_TRIANGLES);
-    (count <= WIDE_LEAF_TRIANGLES).then_some(count)
+/// How the tree under a node is best cut into so many wide children, by that number: the share of the
+/// left child, or 0 where fewer are no worse. Of one child it is 0 for a leaf, 1 for a node. Of as many as
+/// a node has it is never 0.
+type Choice = [u8; WIDEST + 1];
+
+/// What the best cuts of a subtree cost.
+#[derive(Clone, Copy)]
+struct Weights {
+    /// Cost of the subtree as at most so many children; the first is not used. The area of a node's box
+    /// for each node, and a share of that of a leaf's for each triangle in it.
+    costs: [f32; WIDEST + 1],
+    /// Triangles in it, or more than a leaf can hold.
+    triangles: u32,
 }
 
-/// Up to `width` descendants that hold all of a node's triangles, and how many they are: its
-/// children, of which the one with the largest surface is opened again and again. (Wald, Benthin and
-/// Boulos 2008, Getting Rid of Packets)
-fn widest_children(tree: &Bvh2, source: u32, width: usize) -> ([u32; WIDEST], usize) {
-    let mut children = [source; WIDEST];
-    let mut count = 1;
-    // Surfaces of those that can be opened; those of leaves stand below all.
-    let mut areas = [-1.0; WIDEST];
-    let area = |node: u32| {
-        let node = &tree.nodes[node as usize];
-        if node.is_leaf() { -1.0 } else { node.aabb.half_area() }
-    };
-    areas[0] = area(source);
-    while count < width {
-        let mut largest = 0;
-        for i in 1..count {
-            if areas[i] >= areas[largest] {
-                largest = i;
+/// What a triangle test costs, in node visits: as measured on lavapipe, for rays of bounces.
+const TRIANGLE_COST: f32 = 0.4;
+
+impl Weights {
+    fn of_triangle(aabb: &Aabb) -> Self {
+        Self { costs: [TRIANGLE_COST * aabb.half_area(); WIDEST + 1], triangles: 1 }
+    }
+
+    /// Weights of a node with these children, and how they come about.
+    fn of_node(aabb: &Aabb, left: &Self, right: &Self, width: usize) -> (Self, Choice) {
+        let area = aabb.half_area();
+        let triangles = left.triangles + right.triangles;
+        let (mut costs, mut choice) = ([f32::INFINITY; WIDEST + 1], [0; WIDEST + 1]);
+        for count in 2..=width {
+            // From the middle on: equal costs make an even tree.
+            choice[count] = (count / 2) as u8;
+            costs[count] = left.costs[count / 2] + right.costs[count - count / 2];
+            for share in 1..count {
+                let cost = left.costs[share] + right.costs[count - share];
+                if cost < costs[count] {
+                    (choice[count], costs[count]) = (share as u8, cost);
+                }
             }
         }
-        if areas[largest] < 0.0 {
-            break;
+        let leaf = if triangles <= WIDE_LEAF_TRIANGLES { TRIANGLE_COST * area * triangles as f32 } else { f32::INFINITY };
+        let node = area + costs[width];
+        choice[1] = u8::from(leaf > node || triangles > WIDE_LEAF_TRIANGLES);
+        costs[1] = leaf.min(node);
+        for count in 2..width {
+            if costs[count - 1] <= costs[count] {
+                (choice[count], costs[count]) = (0, costs[count - 1]);
+            }
         }
-        let first = tree.nodes[children[largest] as usize].first_index;
-        (children[largest], children[count]) = (first, first + 1);
-        (areas[largest], areas[count]) = (area(first), area(first + 1));
-        count += 1;
+        (Self { costs, triangles: triangles.min(WIDE_LEAF_TRIANGLES + 1) }, choice)
     }
-    (children, count)
+}
+
+/// The cuts of every inner node of the tree that make the cheapest wide tree of it. (Ylitie, Karras and
+/// Laine 2017, section 3.1)
+fn choices(tree: &Bvh2, width: usize) -> Vec<Choice> {
+    let inner = |node: u32| !tree.nodes[node as usize].is_leaf();
+    let children = |node: u32| [0, 1].map(|side| tree.nodes[node as usize].first_index + side);
+    let weigh = |node: u32, stack: &mut Vec<Weights>, choices: &mut Vec<(u32, Choice)>| {
+        let aabb = &tree.nodes[node as usize].aabb;
+        if !inner(node) {
+            stack.push(Weights::of_triangle(aabb));
+            return;
+        }
+        let (left, right) = (stack.pop().expect("the left child is weighed"), stack.pop().expect("and the right one"));
+        let (weights, choice) = Weights::of_node(aabb, &left, &right, width);
+        stack.push(weights);
+        choices.push((node, choice));
+    };
+    // A node, its left subtree, its right subtree.
+    let in_order = |root: u32, ends: &dyn Fn(u32) -> bool| {
+        let (mut order, mut open) = (Vec::new(), vec![root]);
+        while let Some(node) = open.pop() {
+            order.push(node);
+            if !ends(node) {
+                let [left, right] = children(node);
+                open.extend([right, left]);
+            }
+        }
+        order
+    };
+
+    let mut roots = vec![0];
+    let mut top = HashSet::new();
+    while roots.len() < PARTS && roots.iter().any(|root| inner(*root)) {
+        top.extend(roots.iter().copied().filter(|root| inner(*root)));
+        let open = |root: u32| if inner(root) { children(root).to_vec() } else { vec![root] };
+        roots = roots.into_iter().flat_map(open).collect();
+    }
+    let weighed: Vec<_> = roots
+        .par_iter()
+        .map(|&root| {
+            let (mut stack, mut choices) = (Vec::new(), Vec::new());
+            for node in in_order(root, &|node| !inner(node)).into_iter().rev() {
+                weigh(node, &mut stack, &mut choices);
+            }
+            (stack[0], choices)
+        })
+        .collect();
+    let parts: HashMap<u32, Weights> = roots.iter().copied().zip(weighed.iter().map(|(weights, _)| *weights)).collect();
+    let (mut stack, mut found) = (Vec::new(), Vec::new());
+    for node in in_order(0, &|node| !top.contains(&node)).into_iter().rev() {
+        match parts.get(&node) {
+            Some(weights) => stack.push(*weights),
+            None => weigh(node, &mut stack, &mut found),
+        }
+    }
+    let mut all = vec![[0; WIDEST + 1]; tree.nodes.len()];
+    for (node, choice) in weighed.iter().flat_map(|(_, choices)| choices).chain(&found) {
+        all[*node as usize] = *choice;
+    }
+    all
 }
 
 /// Gives each inner child an octant of the node that it lies in, as far as others leave it free, the
