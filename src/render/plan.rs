@@ -1,6 +1,6 @@
 //! Sizes, capacities, workgroup counts and batches of a render: arithmetic without a device.
 
-use super::Settings;
+use super::settings::{Scheduler, Settings};
 use crate::layout;
 
 /// What a plan must know of a device.
@@ -75,6 +75,9 @@ impl Plan {
     /// Paths in flight where the user does not say: enough to keep every core busy between two
     /// dispatches, few enough for the caches of a software device.
     const SOFTWARE_PATHS: u32 = 1 << 18;
+    /// Those of the megakernel where it has no traversal stack either: a path in flight is its radiance
+    /// alone, and a launch of so long a kernel costs lavapipe some milliseconds.
+    const SOFTWARE_LISTED_PATHS: u32 = 1 << 22;
     const HARDWARE_PATHS: u32 = 1 << 21;
     /// Bytes of the film of a tile, where the image is more than one: enough pixels to keep any
     /// device busy, few enough for the host that reads them.
@@ -89,26 +92,31 @@ impl Plan {
     /// Rays of a replay in one launch, at most: enough to keep any device busy, and 56 bytes each.
     const REPLAYED_RAYS: u32 = 1 << 22;
 
-    /// Paths of an invocation where the user does not say and the device is software: 4 to 14 %
-    /// faster than one, and more of them gain little more.
-    const SOFTWARE_PATHS_PER_INVOCATION: u32 = 8;
+    /// Invocations of the megakernel where the user does not say and the device is software, if so many
+    /// paths are in flight: 64 workgroups to share among the cores. The more paths an invocation follows, the
+    /// less it matters that the last ones of its subgroup end apart.
+    const SOFTWARE_INVOCATIONS: u32 = 1 << 14;
     /// Turns of its loops that an invocation may take: lavapipe leaves them after 65 535.
     const LOOP_TURNS: u32 = 65_535;
 
-    /// Computes the sizes for a scene whose BVH has `depth` levels and settings that make sense.
-    pub fn new(settings: &Settings, depth: u32, device: &DeviceLimits) -> Self {
+    /// Computes the sizes for a scene whose BVH has `depth` levels, none if it is a list, and settings that
+    /// make sense.
+    pub fn new(settings: &Settings, scheduler: Scheduler, depth: u32, device: &DeviceLimits) -> Self {
         let Settings { width, height, .. } = *settings;
         let tile_rows = Self::tile_rows(width, height, device);
         let pixels = u64::from(width) * u64::from(tile_rows);
         let workgroup_size = settings.workgroup_size.unwrap_or(256).min(device.max_workgroup_size);
-        let wanted =
-            settings.in_flight.unwrap_or(if device.software { Self::SOFTWARE_PATHS } else { Self::HARDWARE_PATHS });
+        let wanted = settings.in_flight.unwrap_or(match (device.software, scheduler, depth) {
+            (true, Scheduler::Megakernel, 0) => Self::SOFTWARE_LISTED_PATHS,
+            (true, ..) => Self::SOFTWARE_PATHS,
+            (false, ..) => Self::HARDWARE_PATHS,
+        });
         let by_dispatch = u64::from(device.max_workgroups) * u64::from(workgroup_size);
         let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES;
         let useful = pixels * u64::from(settings.samples.min(Self::SAMPLES_AT_ONCE));
         let path_capacity = u64::from(wanted.max(1)).min(by_dispatch).min(by_buffer).min(useful) as u32;
         let paths_per_invocation = settings.paths_per_invocation.unwrap_or(if device.software {
-            Self::safe_paths_per_invocation(settings, depth)
+            (path_capacity / Self::SOFTWARE_INVOCATIONS).clamp(1, Self::safe_paths_per_invocation(settings, depth))
         } else {
             1
         });
@@ -129,7 +137,7 @@ impl Plan {
     fn safe_paths_per_invocation(settings: &Settings, depth: u32) -> u32 {
         let vertices = settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1));
         let turns = vertices.saturating_mul(2 * 4 * depth.max(1) + settings.shading_cost);
-        (Self::LOOP_TURNS / turns).clamp(1, Self::SOFTWARE_PATHS_PER_INVOCATION)
+        (Self::LOOP_TURNS / turns).max(1)
     }
 
     /// Computes the sizes of a replay of `rays` rays, each with `stack_bytes` of traversal stack beyond registers. What
@@ -241,7 +249,7 @@ mod tests {
             width in 1..40_u32, height in 1..40_u32, samples in 1..20_u32, in_flight in 1..3000_u32, rows in 1..50_u32,
         ) {
             let device = DeviceLimits { max_film_bytes: u64::from(64 * width * rows), ..DEVICE };
-            let plan = Plan::new(&settings(width, height, samples, Some(in_flight)), 8, &device);
+            let plan = Plan::new(&settings(width, height, samples, Some(in_flight)), Scheduler::Bounce, 8, &device);
             prop_assert!(plan.film_bytes() <= device.max_film_bytes);
             let mut next = vec![0; plan.pixels() as usize];
             for tile in plan.tiles() {
@@ -263,10 +271,10 @@ mod tests {
 
     #[test]
     fn capacity_respects_the_device() {
-        let plan = Plan::new(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), 8, &DEVICE);
+        let plan = Plan::new(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), Scheduler::Bounce, 8, &DEVICE);
         assert_eq!(u64::from(plan.path_capacity), (1 << 27) / STATE_BYTES);
         let narrow = DeviceLimits { max_workgroups: 100, ..DEVICE };
-        let plan = Plan::new(&settings(1024, 1024, 1, None), 8, &narrow);
+        let plan = Plan::new(&settings(1024, 1024, 1, None), Scheduler::Bounce, 8, &narrow);
         assert_eq!(plan.path_capacity, 100 * 256);
     }
 
@@ -286,18 +294,24 @@ mod tests {
 
     #[test]
     fn few_pixels_do_not_make_long_loops() {
-        let plan = Plan::new(&settings(2, 1, 1 << 20, None), 8, &DEVICE);
+        let plan = Plan::new(&settings(2, 1, 1 << 20, None), Scheduler::Bounce, 8, &DEVICE);
         let tile = plan.tiles().next().unwrap();
         assert!(plan.batches(tile, 0..1 << 20).all(|batch| batch.sample_count <= Plan::SAMPLES_AT_ONCE));
     }
 
     #[test]
-    fn long_paths_have_an_invocation_each() {
-        let paths = |max_bounces| {
-            let settings = Settings { max_bounces, ..settings(64, 64, 1, None) };
-            Plan::new(&settings, 40, &DEVICE).paths_per_invocation
+    fn invocations_follow_as_many_paths_as_their_loops_allow() {
+        let plan = |max_bounces, depth| {
+            let settings = Settings { max_bounces, ..settings(1024, 1024, 16, None) };
+            Plan::new(&settings, Scheduler::Megakernel, depth, &DEVICE)
         };
-        assert_eq!([Some(8), Some(50), None].map(paths), [8, 4, 1]);
+        let paths = |max_bounces| plan(max_bounces, 40).paths_per_invocation;
+        assert_eq!([Some(8), Some(50), None].map(paths), [16, 4, 1]);
+        let listed = plan(Some(8), 0);
+        assert_eq!((listed.path_capacity, listed.paths_per_invocation), (1 << 22, 256));
+        // A small image has an invocation for each path.
+        let small = Plan::new(&settings(64, 64, 1, None), Scheduler::Megakernel, 0, &DEVICE);
+        assert_eq!(small.paths_per_invocation, 1);
     }
 
     #[test]

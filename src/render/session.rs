@@ -201,8 +201,8 @@ impl Session {
     ) -> Result<Self, RenderError> {
         let limits = limits(device);
         let max_film_bytes = options.film_bytes.unwrap_or(limits.max_film_bytes);
-        let plan = Plan::new(settings, scene.bvh.depth, &DeviceLimits { max_film_bytes, ..limits });
         let scheduler = settings.scheduler_for(limits.software, device.description().subgroup_size, scene.bvh.kind);
+        let plan = Plan::new(settings, scheduler, scene.bvh.depth, &DeviceLimits { max_film_bytes, ..limits });
         let needs = scene.needs(settings);
         let executor = open_executor(device, scene, settings, &plan, &kernels(scheduler, settings, &needs), options)?;
         Ok(Self {

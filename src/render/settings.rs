@@ -189,8 +189,8 @@ pub enum Scheduler {
 }
 
 impl Settings {
-    /// Bounces of a path that is short: a megakernel's lanes do not part much before its end.
-    const SHORT_PATH: u32 = 8;
+    /// Most bounces of paths of which an invocation of the megakernel may follow many, one after the other.
+    const COUNTABLE_BOUNCES: u32 = 255;
 
     /// Vertices that a roulette by throughput leaves alone where the user does not say: most of the light
     /// comes by these.
@@ -230,13 +230,13 @@ impl Settings {
 
     /// How the work is cut on a device of so many lanes a subgroup, which is software or is not, of a
     /// scene with a BVH of that shape. On lavapipe, with eight lanes, bounce is the fastest; where all
-    /// triangles are in a list, so that rays cost the same, and paths are short, the megakernel is. On
+    /// triangles are in a list, so that rays cost the same, and paths have a bound, the megakernel is. On
     /// SwiftShader, with four, it is the wavefront, which alone can sort.
     pub fn scheduler_for(&self, software: bool, lanes: u32, bvh: BvhKind) -> Scheduler {
-        let short = self.max_bounces.is_some_and(|bounces| bounces <= Self::SHORT_PATH);
+        let countable = self.max_bounces.is_some_and(|bounces| bounces <= Self::COUNTABLE_BOUNCES);
         let preferred = if !software || lanes < 8 || self.sort == Sort::Material {
             Scheduler::Wavefront
-        } else if bvh == BvhKind::List && short {
+        } else if bvh == BvhKind::List && countable {
             Scheduler::Megakernel
         } else {
             Scheduler::Bounce
@@ -311,7 +311,7 @@ mod tests {
             Settings { max_bounces, roulette: 0.2, ..given }.scheduler_for(true, lanes, BvhKind::List)
         };
         assert_eq!(listed(Some(8), 8), Scheduler::Megakernel);
-        assert_eq!(listed(Some(9), 8), Scheduler::Bounce);
+        assert_eq!(listed(Some(256), 8), Scheduler::Bounce);
         assert_eq!(listed(None, 8), Scheduler::Bounce);
         assert_eq!(listed(Some(8), 4), Scheduler::Wavefront);
     }
