@@ -36,6 +36,14 @@ enum Edition {
 /// In the order of `shaders::Edition`.
 const EDITIONS: [Edition; 3] = [Edition::Exact, Edition::FastMath, Edition::Counting];
 
+/// Kernels that are built from another's file: name, file and the macro that makes them what they are.
+const FORMS: [(&str, &str, &str); 4] = [
+    ("bounce_packets", "bounce", "PACKETS"),
+    ("connect_packets", "connect", "PACKETS"),
+    ("extend_packets", "extend", "PACKETS"),
+    ("traversal_packets", "traversal", "PACKETS"),
+];
+
 /// Where the kernels' own functions lie, and then what probes share.
 const INCLUDES: [&str; 2] = ["shaders/include", PROBES];
 
@@ -86,16 +94,24 @@ impl Table {
             .map(|entries| entries.map(|entry| entry.expect("a shader folder can be read").path()).collect())
             .unwrap_or_default();
         paths.retain(|path| path.extension().is_some_and(|extension| extension == "comp"));
-        paths.sort();
+        // Name, file, and the macro of a form.
+        let mut kernels: Vec<(String, PathBuf, Option<&str>)> = Vec::new();
+        for path in paths {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            let forms = FORMS.iter().filter(|(_, file, _)| *file == name);
+            kernels.extend(forms.map(|(form, _, macro_name)| ((*form).to_owned(), path.clone(), Some(*macro_name))));
+            kernels.push((name, path, None));
+        }
+        kernels.sort();
 
         let mut table = Self::default();
-        for path in &paths {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        for (name, path, form) in &kernels {
             let source = fs::read_to_string(path).expect("a listed shader can be read");
             writeln!(table.entries, "    Kernel {{ name: {name:?}, variants: &[").expect("strings grow");
             let variants = editions.iter().flat_map(|edition| ACCESSES.map(|macros| (*edition, macros)));
             for (index, (edition, macros)) in variants.enumerate() {
-                match compile(compiler, path, &source, edition, macros) {
+                let macros: Vec<&str> = macros.iter().chain(form).copied().collect();
+                match compile(compiler, path, &source, edition, &macros) {
                     Ok(module) => {
                         let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
                         let bytes: Vec<u8> = module.assemble().iter().flat_map(|word| word.to_ne_bytes()).collect();

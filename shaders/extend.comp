@@ -5,6 +5,8 @@
 #ifdef SUBGROUP_BALLOT
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_KHR_shader_subgroup_vote : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
 #endif
 #include "constants.glsl"
 #define CONTROL_ACCESS

@@ -25,19 +25,33 @@ const float PLANE_ERROR = 8.0 * 5.9604645e-8;
 vec4 bytes(uint word) { return vec4(ivec4((uvec4(word) >> uvec4(0u, 8u, 16u, 24u)) & 255u)); }
 
 
+// A packet is the rays of a subgroup. They walk the tree together, through every node that one of them
+// meets, so that none waits for another's nodes; each meets its own triangles. Single rays walk alone.
+#if defined(PACKETS) && defined(SUBGROUP_BALLOT)
+uint met_by_any(uint children) { return subgroupOr(children); }
+bool any_ray(bool is) { return subgroupAny(is); }
+bool all_rays(bool are) { return subgroupAll(are); }
+uint of_first_ray(uint octant) { return subgroupBroadcastFirst(octant); }
+#else
+uint met_by_any(uint children) { return children; }
+bool any_ray(bool is) { return is; }
+bool all_rays(bool are) { return are; }
+uint of_first_ray(uint octant) { return octant; }
+#endif
+
 // A ray as nodes see it.
 struct GridRay {
     vec3 origin;
     vec3 inverse;
     bvec3 backwards;
-    uint octant;  // of the nearest corner of a box, in each byte
+    uint octant;  // of the nearest corner of a box, in each byte; a packet has its first ray's
 };
 
 GridRay grid_ray(Ray ray) {
     vec3 inverse = safe_inverse(ray.direction);
     bvec3 backwards = lessThan(inverse, vec3(0.0));
     uint octant = (backwards.x ? 0u : 4u) | (backwards.y ? 0u : 2u) | (backwards.z ? 0u : 1u);
-    return GridRay(ray.origin, inverse, backwards, octant * 0x01010101u);
+    return GridRay(ray.origin, inverse, backwards, of_first_ray(octant) * 0x01010101u);
 }
 
 // The ray against four children: bits of what it meets.
@@ -133,16 +147,18 @@ uint take_triangle(inout Postponed triangles) {
 // Visits nodes from `node` on, until `capacity` groups of triangles are found, no node is left, or the
 // stack wants balance.
 void find_triangles(inout uint node, inout Stack stack, inout Postponed triangles, GridRay grid, float limit, uint capacity) {
-    while (!is_full(triangles, capacity) && node != NO_NODE && !is_unbalanced(stack)) {
+    while (!any_ray(is_full(triangles, capacity)) && node != NO_NODE && !is_unbalanced(stack)) {
         uint first_triangle;
         uint hits = meet_children(node, grid, limit, first_triangle);
         postpone(triangles, hits & ((1u << WIDE_INNER_BIT) - 1u), first_triangle);
-        node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
+        node = next_node(node, met_by_any(hits >> WIDE_INNER_BIT), grid.octant, stack);
     }
 }
 
 // Whether triangles are to be met: none more are waited for, or there is no place for them.
-bool is_due(Postponed triangles, uint node, uint capacity) { return is_full(triangles, capacity) || node == NO_NODE; }
+bool is_due(Postponed triangles, uint node, uint capacity) {
+    return any_ray(is_full(triangles, capacity)) || node == NO_NODE;
+}
 
 Hit trace_closest_wide(Ray ray) {
     GridRay grid = grid_ray(ray);
@@ -166,17 +182,20 @@ bool trace_any_wide(Ray ray, uint target, float limit) {
     GridRay grid = grid_ray(ray);
     RaySpace space = ray_space(ray.direction);
     bool blocked = false;
+    // A ray that is blocked meets no more nodes of its packet's.
+    float reach = limit;
     Stack stack = empty_stack();
     Postponed triangles = none_postponed();
     uint node = 0u;
     while (node != NO_NODE) {
-        find_triangles(node, stack, triangles, grid, limit, ANY_GROUPS);
+        find_triangles(node, stack, triangles, grid, reach, ANY_GROUPS);
         bool due = is_due(triangles, node, ANY_GROUPS);
         while (due && any_left(triangles)) {
             uint triangle = take_triangle(triangles);
             blocked = blocks(triangle, fetch_triangle(triangle), ray, space, target, limit) || blocked;
         }
-        node = blocked ? NO_NODE : node;
+        reach = blocked ? -1.0 : limit;
+        node = all_rays(blocked) ? NO_NODE : node;
         balance_stack(stack);
     }
     return blocked;

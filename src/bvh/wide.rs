@@ -216,7 +216,8 @@ impl Weights {
                 }
             }
         }
-        let leaf = if triangles <= WIDE_LEAF_TRIANGLES { TRIANGLE_COST * area * triangles as f32 } else { f32::INFINITY };
+        let leaf =
+            if triangles <= WIDE_LEAF_TRIANGLES { TRIANGLE_COST * area * triangles as f32 } else { f32::INFINITY };
         let node = area + costs[width];
         choice[1] = u8::from(leaf > node || triangles > WIDE_LEAF_TRIANGLES);
         costs[1] = leaf.min(node);

@@ -67,17 +67,20 @@ impl OpenScene {
 const ROOMY_SAMPLES: u32 = 64;
 
 /// The order in which a bounce runs its kernels, for tables.
-const KERNEL_ORDER: [&str; 11] = [
+const KERNEL_ORDER: [&str; 14] = [
     "megakernel",
     "bounce",
+    "bounce_packets",
     "generate",
     "extend",
+    "extend_packets",
     "count_bins",
     "place_bins",
     "sort_rays",
     "shade",
     "prepare_dispatch",
     "connect",
+    "connect_packets",
     "resolve",
 ];
 
@@ -277,6 +280,8 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("bvh", "bvh2") => settings.bvh = Some(BvhKind::Bvh2),
             ("bvh", "bvh4") => settings.bvh = Some(BvhKind::Bvh4),
             ("bvh", "cwbvh") => settings.bvh = Some(BvhKind::Cwbvh),
+            ("bvh", "list") => settings.bvh = Some(BvhKind::List),
+            ("packets", _) => settings.packets = Some(level.parse().map_err(|error: String| anyhow!(error))?),
             ("fetch", "texel") => settings.fetch = Some(Fetch::Texel),
             ("fetch", "storage") => settings.fetch = Some(Fetch::Storage),
             ("sort", "none") => settings.sort = Sort::None,
@@ -325,19 +330,24 @@ fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
     }
 }
 
+/// What a kernel does, whether by single rays or by packets.
+fn stage_of(kernel: &str) -> &str {
+    kernel.trim_end_matches("_packets")
+}
+
 /// Time and items of each bounce's kernels; the megakernel has none.
 fn bounce_rows(outcome: &Outcome) -> Vec<BounceRow> {
     let statistics = &outcome.statistics;
-    let staged = |kernel: &str| matches!(kernel, "extend" | "shade" | "connect" | "bounce");
+    let staged = |kernel: &str| ["extend", "shade", "connect", "bounce"].contains(&stage_of(kernel));
     let mut rows: Vec<_> = statistics
         .passes
         .iter()
         .filter(|((kernel, _), _)| staged(kernel))
         .map(|((kernel, bounce), time)| BounceRow {
             bounce: *bounce,
-            kernel: (*kernel).to_owned(),
+            kernel: stage_of(kernel).to_owned(),
             gpu_seconds: time.seconds,
-            items: statistics.ray_counts.get(*bounce as usize).map_or(0, |count| match (*kernel, *bounce) {
+            items: statistics.ray_counts.get(*bounce as usize).map_or(0, |count| match (stage_of(kernel), *bounce) {
                 ("connect", _) => count.shadow_rays(),
                 (_, 0) => statistics.camera_rays,
                 _ => count.rays(),

@@ -6,7 +6,7 @@ use super::open_device;
 use crate::bvh::BvhKind;
 use crate::gpu::Device;
 use crate::render::{
-    Fetch, MAX_MATERIAL_BRANCHES, Offsets, PathState, RouletteMode, Scheduler, Settings, ShadowRays, Sort,
+    Fetch, MAX_MATERIAL_BRANCHES, Offsets, Packets, PathState, RouletteMode, Scheduler, Settings, ShadowRays, Sort,
 };
 use crate::scene::{Integrator, Sampler, Scene};
 
@@ -73,7 +73,7 @@ pub struct PictureArguments {
     /// How kernels read the scene's buffers; without, by device
     #[arg(long)]
     fetch: Option<FetchName>,
-    /// Whether what `raywave tune` has found fastest stands in for --bvh, --fetch and --workgroup where they are not given
+    /// Whether what `raywave tune` has found fastest stands in for --bvh, --fetch, --packets and --workgroup where they are not given
     #[arg(long, default_value = "on")]
     tuned: Switch,
     /// Order in which the wavefront shades
@@ -82,6 +82,9 @@ pub struct PictureArguments {
     /// When the bounce scheduler traces the rays to lights
     #[arg(long, value_name = "NAME", default_value = "deferred")]
     shadow_rays: ShadowRaysName,
+    /// Rays of queues that subgroups trace together, in wide BVHs: none, or camera, bounce and shadow with + between them
+    #[arg(long, value_name = "CLASSES")]
+    packets: Option<Packets>,
     /// Paths that an invocation of the megakernel follows one after the other; above 1 no path waits for its subgroup's longest
     #[arg(long, value_name = "PATHS", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     paths_per_invocation: Option<u32>,
@@ -279,6 +282,7 @@ impl PictureArguments {
                 ShadowRaysName::Deferred => ShadowRays::Deferred,
                 ShadowRaysName::AtOnce => ShadowRays::AtOnce,
             },
+            packets: self.packets,
             paths_per_invocation: self.paths_per_invocation,
             path_state: match self.path_state {
                 PathStateName::F32 => PathState::F32,

@@ -181,6 +181,7 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "material_branches": settings.material_branches,
         "sort": sort_name(settings.sort),
         "shadow_rays": shadow_rays_name(settings.shadow_rays),
+        "packets": settings.packets.unwrap_or_default().to_string(),
         "paths_per_invocation": statistics.paths_per_invocation,
         "path_state": path_state_name(settings.path_state),
         "offsets": offsets_name(settings.offsets),
@@ -315,7 +316,8 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
     if statistics.rows < settings.height {
         part += &format!(", in rows 1 to {} alone", statistics.rows);
     }
-    let tuned = if settings.tuned { format!("; tuned: {}", tuning::in_words(statistics)) } else { String::new() };
+    let tuned =
+        if settings.tuned { format!("; tuned: {}", tuning::in_words(settings, statistics)) } else { String::new() };
     eprintln!(
         "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s{tuned}",
         arguments.output.display(),

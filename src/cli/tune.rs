@@ -17,7 +17,9 @@ use crate::bvh::BvhKind;
 use crate::export::numbers::significant;
 use crate::gpu::{Device, DeviceKind, GpuError};
 use crate::rays::{RayClass, RayOrder, RayRecord};
-use crate::render::{Fetch, PrepareError, PreparedScene, RenderError, Replay, Scheduler, Session, Settings, Traversal};
+use crate::render::{
+    Fetch, Packets, PrepareError, PreparedScene, RenderError, Replay, Scheduler, Session, Settings, Traversal,
+};
 use crate::scene::Scene;
 use crate::stats::{Bootstrap, Estimate, SplitMix64, median};
 use crate::studies::shuffle;
@@ -83,6 +85,7 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let given = [
         ("--bvh", settings.bvh.is_some()),
         ("--fetch", settings.fetch.is_some()),
+        ("--packets", settings.packets.is_some()),
         ("--workgroup", settings.workgroup_size.is_some()),
     ];
     for (flag, given) in given {
@@ -139,6 +142,7 @@ fn default_traversal(device: &Device, settings: &Settings, scene: &Scene) -> Tra
         bvh: settings.bvh_for(description.subgroup_size, scene.mesh.triangles.len()),
         fetch: if description.kind == DeviceKind::Cpu { Fetch::Texel } else { Fetch::Storage },
         workgroup_size: description.max_workgroup_size.min(256),
+        packets: false,
     }
 }
 
@@ -196,8 +200,10 @@ impl<'a> Replays<'a> {
             if held > self.device.description().memory_bytes / 4 {
                 self.open.clear();
             }
-            let Traversal { bvh, fetch, workgroup_size } = traversal;
+            let Traversal { bvh, fetch, workgroup_size, packets } = traversal;
+            let class_packets = Packets::default().with(self.frozen[class].class, packets);
             let settings = Settings {
+                packets: Some(class_packets),
                 fetch: Some(fetch),
                 workgroup_size: Some(workgroup_size),
                 in_flight: None,
@@ -235,20 +241,26 @@ fn measure(
     for bvh in BvhKind::all_of(triangles).filter(|kind| scenes.contains_key(kind)) {
         for fetch in [Fetch::Texel, Fetch::Storage] {
             for &workgroup_size in &workgroups {
-                let traversal = Traversal { bvh, fetch, workgroup_size };
-                match check(&mut replays, traversal) {
-                    Ok(Some(counts)) => {
-                        rays = counts;
-                        let way = |class| Measured { class, traversal, seconds: Vec::new() };
-                        measured.extend((0..frozen.len()).map(way));
-                    }
-                    Ok(None) => {}
-                    Err(RenderError::Gpu(error @ (GpuError::BufferTooLarge { .. } | GpuError::OutOfMemory { .. }))) => {
-                        if !arguments.quiet {
-                            eprintln!("warning: {} is left out: {error}", describe(&traversal));
+                // Packets are of wide trees.
+                for packets in [false, true].into_iter().take(if bvh.width() > 2 { 2 } else { 1 }) {
+                    let traversal = Traversal { bvh, fetch, workgroup_size, packets };
+                    match check(&mut replays, traversal) {
+                        Ok(Some(counts)) => {
+                            rays = counts;
+                            let way = |class| Measured { class, traversal, seconds: Vec::new() };
+                            measured.extend((0..frozen.len()).map(way));
                         }
+                        Ok(None) => {}
+                        Err(RenderError::Gpu(
+                            error @ (GpuError::BufferTooLarge { .. } | GpuError::OutOfMemory { .. }),
+                        )) => {
+                            if !arguments.quiet {
+                                let packets = Packets::default();
+                                eprintln!("warning: {} is left out: {error}", describe(&traversal, packets));
+                            }
+                        }
+                        Err(error) => return Err(error.into()),
                     }
-                    Err(error) => return Err(error.into()),
                 }
             }
         }
@@ -352,10 +364,11 @@ impl Report<'_> {
         let heads = self.frozen.iter().map(head).chain(["against the default".to_owned()]);
         text += &row(["bvh", "fetch", "workgroup"], heads);
         for plan in plans {
-            let Traversal { bvh, fetch, workgroup_size } = plan.ways[0].traversal;
+            let Traversal { bvh, fetch, workgroup_size, .. } = plan.ways[0].traversal;
             let speeds = plan.ways.iter().map(|way| {
                 let Estimate { value, low, high } = speed(&way.seconds);
-                format!("{} [{}, {}]", millions(value), millions(low), millions(high))
+                let packets = if way.traversal.packets { " packets" } else { "" };
+                format!("{} [{}, {}]{packets}", millions(value), millions(low), millions(high))
             });
             let Estimate { value, low, high } = speed_up(plan, self.own);
             let ratio = format!("{value:.2} [{low:.2}, {high:.2}]");
@@ -363,7 +376,7 @@ impl Report<'_> {
             text += &row([bvh_name(bvh), fetch_name(fetch), &workgroup], speeds.chain([ratio]));
         }
         text += "\nchosen  ";
-        text += &describe(&self.chosen.ways[0].traversal);
+        text += &describe(&self.chosen.ways[0].traversal, self.tuning().packets());
         if std::ptr::eq(self.chosen, self.own) {
             text += ": the default, than which nothing is surely faster";
         }
@@ -375,7 +388,7 @@ impl Report<'_> {
     }
 
     fn json(&self, plans: &[Plan<'_>], file: Option<&std::path::Path>) -> Value {
-        let way = |Traversal { bvh, fetch, workgroup_size }: Traversal| {
+        let way = |Traversal { bvh, fetch, workgroup_size, .. }: Traversal| {
             json!({
                 "bvh": bvh_name(bvh),
                 "scene_fetch": fetch_name(fetch),
@@ -394,6 +407,7 @@ impl Report<'_> {
             .iter()
             .map(|measured| {
                 let mut value = way(measured.traversal);
+                value["packets"] = measured.traversal.packets.into();
                 value["class"] = class_name(self.frozen[measured.class].class).into();
                 value["rays_per_second"] = json!(speed(&measured.seconds));
                 value["seconds_per_ray"] = json!(measured.seconds);
@@ -423,6 +437,7 @@ impl Report<'_> {
             "against_default": speed_ups,
             "default": way(self.own.ways[0].traversal),
             "chosen": way(self.chosen.ways[0].traversal),
+            "packets": self.tuning().packets().to_string(),
             "file": file.map(|file| file.display().to_string()),
         })
     }

@@ -17,7 +17,7 @@ use super::picture::{BvhName, FetchName, bvh_name, fetch_name};
 use super::{cache_folder, write_text};
 use crate::gpu::DeviceDescription;
 use crate::rays::RayClass;
-use crate::render::{Fetch, Scheduler, Settings, Statistics, Traversal};
+use crate::render::{Fetch, Packets, Scheduler, Settings, Statistics, Traversal};
 use crate::scene::Scene;
 
 /// How to trace rays, by class; of no class where nothing is tuned.
@@ -95,6 +95,7 @@ struct Choice {
     bvh: String,
     fetch: String,
     workgroup: u32,
+    packets: bool,
     rays_per_second: f64,
     share_of_rays: f64,
 }
@@ -117,15 +118,21 @@ impl Tuning {
     /// Chooses what the settings leave open, on a device of so many lanes a subgroup, which is software or is
     /// not. The workgroup was measured with the wavefront's kernels, and is for them alone.
     pub fn apply(&self, settings: &mut Settings, software: bool, lanes: u32) {
-        let Some(Traversal { bvh, fetch, workgroup_size }) = self.shared() else { return };
+        let Some(Traversal { bvh, fetch, workgroup_size, .. }) = self.shared() else { return };
         let wavefront = settings.scheduler_for(software, lanes, settings.bvh.unwrap_or(bvh)) == Scheduler::Wavefront;
         let workgroup = wavefront && settings.workgroup_size.is_none();
-        settings.tuned = workgroup || settings.bvh.is_none() || settings.fetch.is_none();
+        settings.tuned = workgroup || settings.bvh.is_none() || settings.fetch.is_none() || settings.packets.is_none();
         settings.bvh.get_or_insert(bvh);
         settings.fetch.get_or_insert(fetch);
+        settings.packets.get_or_insert(self.packets());
         if workgroup {
             settings.workgroup_size = Some(workgroup_size);
         }
+    }
+
+    /// The classes of rays that are traced by packets.
+    pub fn packets(&self) -> Packets {
+        self.classes.iter().fold(Packets::default(), |all, tuned| all.with(tuned.class, tuned.traversal.packets))
     }
 
     /// What a render's kernels share.
@@ -140,11 +147,12 @@ impl Tuning {
     pub fn write(&self, file: &Path, key: &Key, scene: &str) -> anyhow::Result<()> {
         let choice = |class| {
             let tuned = self.classes.iter().find(|tuned| tuned.class == class)?;
-            let Traversal { bvh, fetch, workgroup_size } = tuned.traversal;
+            let Traversal { bvh, fetch, workgroup_size, packets } = tuned.traversal;
             Some(Choice {
                 bvh: bvh_name(bvh).to_owned(),
                 fetch: fetch_name(fetch).to_owned(),
                 workgroup: workgroup_size,
+                packets,
                 rays_per_second: tuned.rays_per_second.round(),
                 share_of_rays: tuned.share,
             })
@@ -188,7 +196,7 @@ impl Tuning {
             [(RayClass::Camera, record.camera), (RayClass::Bounce, record.bounce), (RayClass::Shadow, record.shadow)];
         let mut classes = Vec::new();
         for (class, choice) in named {
-            let Some(Choice { bvh, fetch, workgroup, rays_per_second, share_of_rays: share }) = choice else {
+            let Some(Choice { bvh, fetch, workgroup, packets, rays_per_second, share_of_rays: share }) = choice else {
                 continue;
             };
             if !(1..=key.max_workgroup).contains(&workgroup) {
@@ -196,7 +204,7 @@ impl Tuning {
             }
             let bvh = BvhName::from_str(&bvh, false).map_err(|_| format!("'{bvh}' is no BVH"))?;
             let fetch = FetchName::from_str(&fetch, false).map_err(|_| format!("'{fetch}' is no fetch"))?;
-            let traversal = Traversal { bvh: bvh.into(), fetch: fetch.into(), workgroup_size: workgroup };
+            let traversal = Traversal { bvh: bvh.into(), fetch: fetch.into(), workgroup_size: workgroup, packets };
             classes.push(TunedClass { class, traversal, rays_per_second, share });
         }
         let tuning = Self { classes };
@@ -209,17 +217,20 @@ impl Tuning {
 }
 
 /// A way to trace for people.
-pub fn describe(Traversal { bvh, fetch, workgroup_size }: &Traversal) -> String {
-    format!("{}, {} fetch, workgroup {workgroup_size}", bvh_name(*bvh), fetch_name(*fetch))
+pub fn describe(Traversal { bvh, fetch, workgroup_size, .. }: &Traversal, packets: Packets) -> String {
+    let packets = if packets == Packets::default() { String::new() } else { format!(", packets of {packets} rays") };
+    format!("{}, {} fetch, workgroup {workgroup_size}{packets}", bvh_name(*bvh), fetch_name(*fetch))
 }
 
 /// The way in which a render's rays were traced, for people.
-pub fn in_words(statistics: &Statistics) -> String {
-    describe(&Traversal {
+pub fn in_words(settings: &Settings, statistics: &Statistics) -> String {
+    let traversal = Traversal {
         bvh: statistics.bvh,
         fetch: if statistics.texel_fetch { Fetch::Texel } else { Fetch::Storage },
         workgroup_size: statistics.workgroup_size,
-    })
+        packets: false,
+    };
+    describe(&traversal, settings.packets.unwrap_or_default())
 }
 
 #[cfg(test)]
@@ -238,9 +249,11 @@ mod tests {
     }
 
     fn tuning() -> Tuning {
-        let traversal = Traversal { bvh: BvhKind::Bvh4, fetch: Fetch::Storage, workgroup_size: 64 };
-        let tuned = |class, share| TunedClass { class, traversal, rays_per_second: 1e6, share };
-        Tuning { classes: vec![tuned(RayClass::Camera, 0.25), tuned(RayClass::Shadow, 0.75)] }
+        let tuned = |class, packets, share| {
+            let traversal = Traversal { bvh: BvhKind::Bvh4, fetch: Fetch::Storage, workgroup_size: 64, packets };
+            TunedClass { class, traversal, rays_per_second: 1e6, share }
+        };
+        Tuning { classes: vec![tuned(RayClass::Camera, true, 0.25), tuned(RayClass::Shadow, false, 0.75)] }
     }
 
     fn text() -> String {
@@ -311,8 +324,13 @@ mod tests {
         assert_eq!(apply_on(open, true), (bvh, fetch, None, true));
         let wavefront = Settings { scheduler: Some(Scheduler::Wavefront), ..open };
         assert_eq!(apply_on(wavefront, true), (bvh, fetch, Some(64), true));
-        let set = Settings { bvh: Some(BvhKind::Bvh2), fetch: Some(Fetch::Texel), workgroup_size: Some(8), ..open };
+        let packets = Some(Packets { shadow: true, ..Packets::default() });
+        let set =
+            Settings { bvh: Some(BvhKind::Bvh2), fetch: Some(Fetch::Texel), workgroup_size: Some(8), packets, ..open };
         assert_eq!(apply(set), (set.bvh, set.fetch, Some(8), false));
+        let mut tuned = open;
+        tuning().apply(&mut tuned, false, 8);
+        assert_eq!(tuned.packets, Some(Packets { camera: true, ..Packets::default() }));
         let mut untuned = open;
         Tuning::default().apply(&mut untuned, false, 8);
         assert_eq!(untuned, open);

@@ -51,7 +51,7 @@ pub struct DeviceDescription {
     pub vulkan_version: String,
     /// Lanes of a subgroup.
     pub subgroup_size: u32,
-    /// Whether compute shaders have subgroup ballots.
+    /// Whether compute shaders have subgroup ballots, with the votes and sums that come with them.
     pub subgroup_ballot: bool,
     /// Most bytes that a storage buffer binding can span.
     pub max_storage_buffer_bytes: u64,
@@ -264,10 +264,12 @@ impl Instance {
                 vk::api_version_patch(version)
             ),
             subgroup_size: subgroup.subgroup_size,
-            subgroup_ballot: subgroup
-                .supported_operations
-                .contains(vk::SubgroupFeatureFlags::BASIC | vk::SubgroupFeatureFlags::BALLOT)
-                && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE),
+            subgroup_ballot: subgroup.supported_operations.contains(
+                vk::SubgroupFeatureFlags::BASIC
+                    | vk::SubgroupFeatureFlags::VOTE
+                    | vk::SubgroupFeatureFlags::ARITHMETIC
+                    | vk::SubgroupFeatureFlags::BALLOT,
+            ) && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_storage_buffer_bytes: u64::from(core.limits.max_storage_buffer_range),
             max_texel_buffer_elements: u64::from(core.limits.max_texel_buffer_elements),
             max_workgroup_size: core

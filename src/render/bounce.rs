@@ -4,23 +4,27 @@ use std::mem::offset_of;
 use std::ops::Range;
 
 use super::plan::SampleRange;
+use super::settings::Packets;
 use crate::layout::Control;
 use crate::recording::Recording;
 
 /// Kernels that the recordings name. `connects` is whether shadow rays are queued.
-pub fn kernels(connects: bool) -> Vec<&'static str> {
-    let connecting: &[&str] = if connects { &["connect"] } else { &[] };
-    ["generate", "bounce", "prepare_dispatch", "resolve"].iter().chain(connecting).copied().collect()
+pub fn kernels(packets: Packets, connects: bool) -> Vec<&'static str> {
+    let mut all = vec!["generate", "prepare_dispatch", "resolve"];
+    all.extend(packets.kernels("bounce", "bounce_packets"));
+    all.extend(connects.then(|| packets.connect()));
+    all
 }
 
 /// Takes every path through the bounces.
-pub fn advance(recording: &mut Recording, connects: bool, range: SampleRange, bounces: Range<u32>) {
+pub fn advance(recording: &mut Recording, packets: Packets, connects: bool, range: SampleRange, bounces: Range<u32>) {
     for bounce in bounces {
         let batch = range.at_bounce(bounce);
-        recording.dispatch_indirect("bounce", offset_of!(Control, ray_groups), batch);
+        let kernel = packets.kernel_at(bounce, "bounce", "bounce_packets");
+        recording.dispatch_indirect(kernel, offset_of!(Control, ray_groups), batch);
         recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
         if connects {
-            recording.dispatch_indirect("connect", offset_of!(Control, shadow_groups), batch);
+            recording.dispatch_indirect(packets.connect(), offset_of!(Control, shadow_groups), batch);
         }
     }
 }
@@ -34,9 +38,9 @@ mod tests {
         SampleRange { first_pixel: 600, pixel_count: 100, first_sample: 4, sample_count: 3, film_pixel: 200 };
 
     /// Kernels and bounces of the passes, and where the indirect ones find their counts.
-    fn record(connects: bool, bounces: Range<u32>) -> Vec<(&'static str, u32, Option<u64>)> {
+    fn record(packets: Packets, connects: bool, bounces: Range<u32>) -> Vec<(&'static str, u32, Option<u64>)> {
         let mut recording = Recording::default();
-        advance(&mut recording, connects, RANGE, bounces);
+        advance(&mut recording, packets, connects, RANGE, bounces);
         let told = |pass: Pass| match pass {
             Pass::Dispatch { kernel, groups, batch } => {
                 assert_eq!((groups, batch), (1, RANGE.at_bounce(batch.bounce)));
@@ -55,26 +59,36 @@ mod tests {
         let rays = Some(offset_of!(Control, ray_groups) as u64);
         let shadow_rays = Some(offset_of!(Control, shadow_groups) as u64);
         let bounce = |bounce| [("bounce", bounce, rays), ("prepare_dispatch", bounce + 1, None)];
-        assert_eq!(record(false, 0..2), [bounce(0), bounce(1)].concat());
+        let none = Packets::default();
+        assert_eq!(record(none, false, 0..2), [bounce(0), bounce(1)].concat());
         let connect = |bounce| ("connect", bounce, shadow_rays);
         let expected = [&bounce(0)[..], &[connect(0)], &bounce(1), &[connect(1)]].concat();
-        assert_eq!(record(true, 0..2), expected);
+        assert_eq!(record(none, true, 0..2), expected);
     }
 
     #[test]
     fn bounces_can_be_recorded_in_parts() {
         for connects in [true, false] {
-            let parts = [0..32, 32..40].map(|bounces| record(connects, bounces));
-            assert_eq!(parts.concat(), record(connects, 0..40));
+            let parts = [0..32, 32..40].map(|bounces| record(Packets::default(), connects, bounces));
+            assert_eq!(parts.concat(), record(Packets::default(), connects, 0..40));
         }
     }
 
     #[test]
     fn every_kernel_that_is_recorded_is_built() {
-        for connects in [true, false] {
-            let built = kernels(connects);
-            assert!(record(connects, 0..1).iter().all(|(kernel, ..)| built.contains(kernel)));
+        for text in ["none", "camera", "bounce+shadow", "camera+bounce+shadow"] {
+            let packets: Packets = text.parse().unwrap();
+            assert_eq!(packets.to_string(), text);
+            for connects in [true, false] {
+                let built = kernels(packets, connects);
+                let recorded = record(packets, connects, 0..2);
+                assert!(recorded.iter().all(|(kernel, ..)| built.contains(kernel)));
+                assert_eq!(
+                    recorded.iter().any(|(kernel, ..)| kernel.ends_with("_packets")),
+                    packets != Packets::default() && (connects || text != "shadow")
+                );
+            }
         }
-        assert!(!kernels(false).contains(&"connect"));
+        assert!(!kernels(Packets::default(), false).contains(&"connect"));
     }
 }

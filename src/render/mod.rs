@@ -26,6 +26,6 @@ pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, S
 pub use replay::{Replay, ReplayOutcome, distances};
 pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
 pub use settings::{
-    Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Offsets, PathState, RouletteMode, Scheduler, Settings, SettingsError,
-    ShadowRays, Sort, Traversal,
+    Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Offsets, Packets, PathState, RouletteMode, Scheduler, Settings,
+    SettingsError, ShadowRays, Sort, Traversal,
 };

@@ -233,6 +233,7 @@ mod tests {
             bvh: None,
             sort: Sort::None,
             shadow_rays: ShadowRays::Deferred,
+            packets: None,
             paths_per_invocation: None,
             path_state: PathState::F32,
             offsets: Offsets::Robust,

@@ -29,6 +29,7 @@ pub struct Replay<'a> {
     plan: Plan,
     scene: &'a PreparedScene,
     class: RayClass,
+    kernel: &'static str,
     /// With triangles by their place in leaf order, as the kernels have them.
     rays: Vec<RayRecord>,
     repeat: u32,
@@ -115,7 +116,7 @@ impl<'a> Replay<'a> {
         let settings = &Settings { path_state: PathState::F32, offsets: Offsets::Robust, ..*settings };
         let total = rays.len() as u64 * u64::from(repeat);
         let plan = Plan::of_replay(settings, &limits(device), total, scene.needs(settings).stack_bytes(1));
-        let mut executor = open_executor(device, scene, settings, &plan, &[kernel_of(class)], options)?;
+        let mut executor = open_executor(device, scene, settings, &plan, &[kernel_of(settings, class)], options)?;
         // A ray lies in the slot of its number.
         let slots = 0..plan.path_capacity;
         if class == RayClass::Shadow {
@@ -127,7 +128,7 @@ impl<'a> Replay<'a> {
         }
         let rays = in_leaf_order(scene, rays);
         let exact = device.description().kind == DeviceKind::Cpu;
-        Ok(Self { executor, plan, scene, class, rays, repeat, exact })
+        Ok(Self { executor, plan, scene, class, kernel: kernel_of(settings, class), rays, repeat, exact })
     }
 
     /// Traces all rays, checks the answers against the CPU's, then traces and times them `rounds` times.
@@ -141,7 +142,7 @@ impl<'a> Replay<'a> {
         let expected = self.expected();
         let total = self.rays.len() as u64 * u64::from(self.repeat);
         let mut outcome = ReplayOutcome {
-            kernel: kernel_of(self.class),
+            kernel: self.kernel,
             rays: total,
             hits: 0,
             checked: expected.len() as u64,
@@ -246,7 +247,7 @@ impl<'a> Replay<'a> {
 
     /// Traces the rays in the slots. Seconds, and whether the device's clock told them.
     fn launch(&mut self, count: u32) -> Result<(f64, bool), GpuError> {
-        let kernel = kernel_of(self.class);
+        let kernel = self.kernel;
         // The kernels read the half of the queue that bounce 0 reads.
         let batch = SampleRange { first_pixel: 0, pixel_count: count, first_sample: 0, sample_count: 1, film_pixel: 0 };
         let batch = batch.at_bounce(0);
@@ -337,10 +338,12 @@ fn on_cpu(scene: &PreparedScene, class: RayClass, record: &RayRecord) -> Answer 
 }
 
 /// The kernel that traces rays of a class.
-fn kernel_of(class: RayClass) -> &'static str {
+fn kernel_of(settings: &Settings, class: RayClass) -> &'static str {
+    let packets = settings.packets.unwrap_or_default();
     match class {
-        RayClass::Camera | RayClass::Bounce => "extend",
-        RayClass::Shadow => "connect",
+        RayClass::Camera => packets.kernel_at(0, "extend", "extend_packets"),
+        RayClass::Bounce => packets.kernel_at(1, "extend", "extend_packets"),
+        RayClass::Shadow => packets.connect(),
     }
 }
 

@@ -356,9 +356,12 @@ impl Session {
 
     /// Takes the queued paths through the bounces.
     pub(super) fn advance(&self, recording: &mut Recording, range: SampleRange, bounces: Range<u32>) {
+        let packets = self.settings.packets.unwrap_or_default();
         match self.scheduler {
-            Scheduler::Wavefront => wavefront::advance(recording, self.settings.sort, self.connects, range, bounces),
-            Scheduler::Bounce => bounce::advance(recording, self.connects, range, bounces),
+            Scheduler::Wavefront => {
+                wavefront::advance(recording, self.settings.sort, packets, self.connects, range, bounces);
+            }
+            Scheduler::Bounce => bounce::advance(recording, packets, self.connects, range, bounces),
             Scheduler::Megakernel => unreachable!("the megakernel queues no paths"),
         }
     }
@@ -438,9 +441,10 @@ impl Session {
 /// Kernels of a render.
 pub(super) fn kernels(scheduler: Scheduler, settings: &Settings, needs: &Needs) -> Vec<&'static str> {
     let connects = connects(scheduler, settings, needs);
+    let packets = settings.packets.unwrap_or_default();
     match scheduler {
-        Scheduler::Wavefront => wavefront::kernels(settings.sort, connects),
-        Scheduler::Bounce => bounce::kernels(connects),
+        Scheduler::Wavefront => wavefront::kernels(settings.sort, packets, connects),
+        Scheduler::Bounce => bounce::kernels(packets, connects),
         Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
     }
 }

@@ -1,11 +1,15 @@
 //! What to render and how, resolved from scene file and command line.
 
+use std::fmt;
+use std::str::FromStr;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::bvh::{BvhKind, MAX_LISTED};
 use crate::constants::MATERIAL_BINS;
 use crate::film::MAX_PIXELS;
+use crate::rays::RayClass;
 use crate::scene::{Integrator, Sampler, Scene};
 
 /// Most samples of a pixel: the film's sums are tested up to here.
@@ -82,6 +86,8 @@ pub struct Settings {
     pub sort: Sort,
     /// When the bounce scheduler traces the rays to lights.
     pub shadow_rays: ShadowRays,
+    /// Which rays of queues are traced by packets; `None` leaves it to a tuning.
+    pub packets: Option<Packets>,
     /// Paths that an invocation of the megakernel follows one after the other, at least 1. Above 1
     /// it takes a new path as soon as one has ended, and none waits for its subgroup's longest.
     /// `None` leaves it to the device.
@@ -141,6 +147,83 @@ pub enum Fetch {
     Storage,
 }
 
+/// Rays that wide trees are walked for by packets: the rays of a subgroup visit every node that one of them
+/// meets, so that none waits for another. Good for rays that are alike.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Packets {
+    /// Rays from the camera.
+    pub camera: bool,
+    /// Rays from a scattering.
+    pub bounce: bool,
+    /// Rays to a light that are traced from a queue.
+    pub shadow: bool,
+}
+
+impl Packets {
+    /// Whether rays of a class are in packets.
+    pub fn has(self, class: RayClass) -> bool {
+        match class {
+            RayClass::Camera => self.camera,
+            RayClass::Bounce => self.bounce,
+            RayClass::Shadow => self.shadow,
+        }
+    }
+
+    /// The same with a class in packets or not.
+    pub fn with(mut self, class: RayClass, is: bool) -> Self {
+        match class {
+            RayClass::Camera => self.camera = is,
+            RayClass::Bounce => self.bounce = is,
+            RayClass::Shadow => self.shadow = is,
+        }
+        self
+    }
+
+    /// The kernel that takes rays after so many bounces to their next surface.
+    pub(super) fn kernel_at(self, bounce: u32, single: &'static str, packets: &'static str) -> &'static str {
+        let class = if bounce == 0 { RayClass::Camera } else { RayClass::Bounce };
+        if self.has(class) { packets } else { single }
+    }
+
+    /// Those kernels.
+    pub(super) fn kernels(self, single: &'static str, packets: &'static str) -> Vec<&'static str> {
+        let mut kernels = vec![self.kernel_at(0, single, packets), self.kernel_at(1, single, packets)];
+        kernels.dedup();
+        kernels
+    }
+
+    /// The kernel that traces the rays to lights.
+    pub(super) fn connect(self) -> &'static str {
+        if self.shadow { "connect_packets" } else { "connect" }
+    }
+}
+
+const CLASSES: [(RayClass, &str); 3] =
+    [(RayClass::Camera, "camera"), (RayClass::Bounce, "bounce"), (RayClass::Shadow, "shadow")];
+
+/// Classes of rays with a plus between them, or `none`.
+impl fmt::Display for Packets {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let classes: Vec<_> = CLASSES.iter().filter(|(class, _)| self.has(*class)).map(|(_, name)| *name).collect();
+        f.write_str(if classes.is_empty() { "none".to_owned() } else { classes.join("+") }.as_str())
+    }
+}
+
+impl FromStr for Packets {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "none" {
+            return Ok(Self::default());
+        }
+        text.split('+').try_fold(Self::default(), |packets, name| {
+            let class = CLASSES.iter().find(|(_, class)| *class == name);
+            let (class, _) = class.ok_or("use none, or camera, bounce and shadow with + between them")?;
+            Ok(packets.with(*class, true))
+        })
+    }
+}
+
 /// How rays are traced: what a tuning chooses. Whatever it is, the image stays the same to the last bit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Traversal {
@@ -150,12 +233,14 @@ pub struct Traversal {
     pub fetch: Fetch,
     /// Invocations of a workgroup.
     pub workgroup_size: u32,
+    /// Whether they are in packets, which each class of rays decides for itself.
+    pub packets: bool,
 }
 
 impl Traversal {
-    /// What all kernels of a render share, whatever rays they trace: today all of it.
+    /// What all kernels of a render share, whatever rays they trace.
     pub fn shared(&self) -> Self {
-        *self
+        Self { packets: false, ..*self }
     }
 }
 
@@ -218,6 +303,7 @@ impl Settings {
             bvh: None,
             sort: Sort::None,
             shadow_rays: ShadowRays::Deferred,
+            packets: None,
             paths_per_invocation: None,
             path_state: PathState::F32,
             offsets: Offsets::Robust,

@@ -4,26 +4,36 @@ use std::mem::offset_of;
 use std::ops::Range;
 
 use super::plan::SampleRange;
-use super::settings::Sort;
+use super::settings::{Packets, Sort};
 use crate::layout::Control;
 use crate::recording::Recording;
 
 /// Kernels that the recordings name.
-pub fn kernels(sort: Sort, connects: bool) -> Vec<&'static str> {
+pub fn kernels(sort: Sort, packets: Packets, connects: bool) -> Vec<&'static str> {
     let sorting: &[&str] = match sort {
         Sort::None => &[],
         Sort::Material => &["count_bins", "place_bins", "sort_rays"],
     };
-    let connecting: &[&str] = if connects { &["connect"] } else { &[] };
-    let all = ["generate", "extend", "shade", "prepare_dispatch", "resolve"];
-    all.iter().chain(connecting).chain(sorting).copied().collect()
+    let connecting = connects.then(|| packets.connect());
+    let mut all = vec!["generate", "shade", "prepare_dispatch", "resolve"];
+    all.extend(packets.kernels("extend", "extend_packets"));
+    all.extend(connecting.iter().chain(sorting));
+    all
 }
 
 /// Takes every path through the bounces: find the next vertex, shade it, gather its light.
-pub fn advance(recording: &mut Recording, sort: Sort, connects: bool, range: SampleRange, bounces: Range<u32>) {
+pub fn advance(
+    recording: &mut Recording,
+    sort: Sort,
+    packets: Packets,
+    connects: bool,
+    range: SampleRange,
+    bounces: Range<u32>,
+) {
     for bounce in bounces {
         let batch = range.at_bounce(bounce);
-        recording.dispatch_indirect("extend", offset_of!(Control, ray_groups), batch);
+        let extend = packets.kernel_at(bounce, "extend", "extend_packets");
+        recording.dispatch_indirect(extend, offset_of!(Control, ray_groups), batch);
         if sort == Sort::Material {
             recording.dispatch_indirect("count_bins", offset_of!(Control, ray_groups), batch);
             recording.dispatch("place_bins", 1, batch);
@@ -32,7 +42,7 @@ pub fn advance(recording: &mut Recording, sort: Sort, connects: bool, range: Sam
         recording.dispatch_indirect("shade", offset_of!(Control, ray_groups), batch);
         recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
         if connects {
-            recording.dispatch_indirect("connect", offset_of!(Control, shadow_groups), batch);
+            recording.dispatch_indirect(packets.connect(), offset_of!(Control, shadow_groups), batch);
         }
     }
 }

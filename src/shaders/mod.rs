@@ -9,7 +9,7 @@ pub use specialize::Specialized;
 /// A compute kernel in every variant that it is built in.
 #[derive(Debug)]
 pub struct Kernel {
-    /// Name of the shader file without extension; the one name it has everywhere.
+    /// Name of the shader file without extension, or of a form of it; the one name it has everywhere.
     pub name: &'static str,
     /// Four of each [`Edition`]; of a probe, of the exact one alone.
     pub variants: &'static [Variant],
@@ -32,7 +32,7 @@ pub enum Edition {
 pub struct Access {
     /// Scene buffers are read by texels, not as storage buffers.
     pub texel_fetch: bool,
-    /// Queues are appended to once a subgroup, not once an invocation.
+    /// Queues are appended to once a subgroup, not once an invocation, and packets are subgroups.
     pub subgroup_ballot: bool,
 }
 

@@ -42,6 +42,8 @@ pub enum Levels {
         /// Levels where the user names none.
         default: &'static [&'static str],
     },
+    /// One of these names; where the user names none, those of the first list.
+    NamedAndMore(&'static [&'static str], &'static [&'static str]),
     /// Any number above 0, or `off`; `default` where none is given.
     NumbersOrOff {
         /// Levels where the user names none.
@@ -91,7 +93,7 @@ pub const FACTORS: &[FactorKind] = &[
     FactorKind {
         name: "bvh",
         role: Role::Schedule,
-        levels: Levels::Named(&["bvh2", "bvh4", "cwbvh"]),
+        levels: Levels::NamedAndMore(&["bvh2", "bvh4", "cwbvh"], &["list"]),
         meaning: "shape of the BVH",
     },
     FactorKind {
@@ -111,6 +113,15 @@ pub const FACTORS: &[FactorKind] = &[
         role: Role::Schedule,
         levels: Levels::Named(&["deferred", "at-once"]),
         meaning: "when the bounce scheduler traces shadow rays",
+    },
+    FactorKind {
+        name: "packets",
+        role: Role::Schedule,
+        levels: Levels::NamedAndMore(
+            &["none", "camera"],
+            &["bounce", "shadow", "camera+shadow", "camera+bounce+shadow"],
+        ),
+        meaning: "rays traced by packets",
     },
     FactorKind {
         name: "specialize",
@@ -250,7 +261,9 @@ impl Factor {
             FACTORS.iter().find(|kind| kind.name == name).ok_or_else(|| StudyError::UnknownFactor(name.to_owned()))?;
         let levels: Vec<String> = match (given, kind.levels) {
             (Some(given), _) => given.split(',').map(|level| level.trim().to_owned()).collect(),
-            (None, Levels::Named(names)) => names.iter().map(|&name| name.to_owned()).collect(),
+            (None, Levels::Named(names) | Levels::NamedAndMore(names, _)) => {
+                names.iter().map(|&name| name.to_owned()).collect()
+            }
             (
                 None,
                 Levels::Counts { default, .. } | Levels::Numbers { default, .. } | Levels::NumbersOrOff { default },
@@ -270,6 +283,10 @@ impl FactorKind {
     fn check(&self, level: &str) -> Result<(), StudyError> {
         let (fits, allowed) = match self.levels {
             Levels::Named(names) => (names.contains(&level), format!("use {}", names.join(" or "))),
+            Levels::NamedAndMore(names, more) => (
+                names.contains(&level) || more.contains(&level),
+                format!("use {}", [names, more].concat().join(" or ")),
+            ),
             Levels::Counts { min, .. } => (
                 parse_count(level).is_some_and(|count| count >= min),
                 format!("use a count from {min} on, such as 64 or 16k (k is 1024, M is 1024²)"),
@@ -290,7 +307,7 @@ impl FactorKind {
     /// Whether two levels are one and the same, as 64k and 65536 are.
     fn same(&self, a: &str, b: &str) -> bool {
         match self.levels {
-            Levels::Named(_) => a == b,
+            Levels::Named(_) | Levels::NamedAndMore(..) => a == b,
             Levels::Counts { .. } => parse_count(a) == parse_count(b),
             Levels::Numbers { .. } | Levels::NumbersOrOff { .. } => a.parse::<f64>().ok() == b.parse::<f64>().ok(),
         }
@@ -449,6 +466,7 @@ impl Design {
             .filter(|(factor, (name, _))| factor.levels.len() > 1 && *name != left_out)
             .map(|(factor, (name, level))| match factor.kind.levels {
                 // A switch's level says nothing by itself.
+                Levels::NamedAndMore(..) => level.to_owned(),
                 Levels::Named(names) if !names.contains(&"on") && !names.contains(&"none") => level.to_owned(),
                 _ => format!("{name} {level}"),
             })

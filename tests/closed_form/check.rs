@@ -48,6 +48,7 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         bvh: None,
         sort: Sort::None,
         shadow_rays: ShadowRays::Deferred,
+        packets: None,
         paths_per_invocation: None,
         path_state: PathState::F32,
         offsets: Offsets::Robust,

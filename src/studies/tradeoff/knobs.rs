@@ -51,7 +51,9 @@ impl Base {
 /// All names that the factor takes.
 fn every_name(factor: &str) -> Vec<String> {
     match FACTORS.iter().find(|kind| kind.name == factor).map(|kind| kind.levels) {
-        Some(Levels::Named(names)) => names.iter().map(|&name| name.to_owned()).collect(),
+        Some(Levels::Named(names) | Levels::NamedAndMore(names, _)) => {
+            names.iter().map(|&name| name.to_owned()).collect()
+        }
         _ => Vec::new(),
     }
 }
