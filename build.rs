@@ -109,6 +109,7 @@ impl Table {
             let source = fs::read_to_string(path).expect("a listed shader can be read");
             writeln!(table.entries, "    Kernel {{ name: {name:?}, variants: &[").expect("strings grow");
             let variants = editions.iter().flat_map(|edition| ACCESSES.map(|macros| (*edition, macros)));
+            let mut failed = false;
             for (index, (edition, macros)) in variants.enumerate() {
                 let macros: Vec<&str> = macros.iter().chain(form).copied().collect();
                 match compile(compiler, path, &source, edition, &macros) {
@@ -121,8 +122,11 @@ impl Table {
                         table.structs.extend(reflection.structs);
                     }
                     // The variants fail alike: one report a kernel is enough.
-                    Err(_) if index > 0 => {}
-                    Err(error) => table.errors.push(error),
+                    Err(error) if !failed => {
+                        failed = true;
+                        table.errors.push(error);
+                    }
+                    Err(_) => {}
                 }
             }
             writeln!(table.entries, "    ] }},").expect("strings grow");

@@ -11,7 +11,9 @@ use common::{device, gallery, own_scene, project_file, render_on};
 use glam::DVec3;
 use rayon::prelude::*;
 use raywave::gpu::Device;
-use raywave::render::{Outcome, PreparedScene, RenderError, RouletteMode, Scheduler, Session, Settings, ShadowRays};
+use raywave::render::{
+    Outcome, Packets, PreparedScene, RenderError, RouletteMode, Scheduler, Session, Settings, ShadowRays,
+};
 use raywave::scene::{Integrator, Sampler, Scene};
 
 const SIZE: u32 = 20;
@@ -90,14 +92,23 @@ fn schedulers_batches_and_workgroups_leave_no_trace() {
         let reference = Render::new(&device, scene, settings);
         assert!(reference.sums.iter().any(|sum| *sum != DVec3::ZERO), "{name} {integrator:?} is black");
         for (scheduler, shadow_rays) in SCHEDULERS {
-            for (paths, workgroup) in CUTS {
+            for (cut, (paths, workgroup)) in CUTS.into_iter().enumerate() {
                 let (in_flight, workgroup_size) = (Some(paths), Some(workgroup));
-                let settings =
-                    Settings { scheduler: Some(scheduler), shadow_rays, in_flight, workgroup_size, ..settings };
+                // Every other cut with packets, which subgroups that are not full have too.
+                let all = Packets { camera: true, bounce: true, shadow: true };
+                let packets = (cut % 2 == 1).then_some(all);
+                let settings = Settings {
+                    scheduler: Some(scheduler),
+                    shadow_rays,
+                    packets,
+                    in_flight,
+                    workgroup_size,
+                    ..settings
+                };
                 assert!(
                     Render::new(&device, scene, settings) == reference,
                     "{name}, {integrator:?} differs: {scheduler:?}, shadow rays {shadow_rays:?}, {paths} paths in \
-                     flight, workgroups of {workgroup}"
+                     flight, workgroups of {workgroup}, {packets:?}"
                 );
             }
         }

@@ -89,6 +89,14 @@ fn rays_through(bench: &Bench, count: usize, random: &mut Uniform) -> Vec<Query>
         .collect()
 }
 
+/// The probes that walk a tree of that kind: by single rays and, if it is wide, by packets.
+fn probes(kind: BvhKind) -> &'static [&'static str] {
+    match kind {
+        BvhKind::List | BvhKind::Bvh2 => &["traversal"],
+        BvhKind::Bvh4 | BvhKind::Cwbvh => &["traversal", "traversal_packets"],
+    }
+}
+
 /// Checks that the device finds, bit by bit, what the CPU finds in the same arithmetic.
 fn agrees_with_the_cpu(bench: &Bench, queries: &[Query], answers: &[Answer]) {
     let (hierarchy, triangles) = (&bench.scene.bvh, &bench.scene.triangles);
@@ -164,12 +172,14 @@ fn check(device: &Device, scene: &Scene, count: usize) {
 fn check_kind(device: &Device, scene: &Scene, count: usize, kind: BvhKind) {
     let bench = Bench::with_bvh(device, scene, kind);
     let queries = rays_through(&bench, count, &mut Uniform::new(count as u64));
-    let answers: Vec<Answer> = bench.run("traversal", &queries);
-    agrees_with_the_cpu(&bench, &queries, &answers);
-    let few = (4_000_000 / bench.scene.triangles.len()).min(queries.len());
-    agrees_with_brute_force(&bench, &queries[..few], &answers[..few]);
-    let hits = answers.iter().filter(|answer| answer.triangle != NO_TRIANGLE).count();
-    assert!(hits > count / 10, "{hits} of {count} rays hit something");
+    for probe in probes(kind) {
+        let answers: Vec<Answer> = bench.run(probe, &queries);
+        agrees_with_the_cpu(&bench, &queries, &answers);
+        let few = (4_000_000 / bench.scene.triangles.len()).min(queries.len());
+        agrees_with_brute_force(&bench, &queries[..few], &answers[..few]);
+        let hits = answers.iter().filter(|answer| answer.triangle != NO_TRIANGLE).count();
+        assert!(hits > count / 10, "{hits} of {count} rays hit something");
+    }
 }
 
 #[test]
@@ -210,12 +220,14 @@ fn of_equally_near_triangles_the_first_of_the_scene_is_hit() {
     for count in [60, 300] {
         let scene = scene_of(&vec![[DVec3::ZERO, DVec3::X, DVec3::Y]; count]);
         for kind in BvhKind::all_of(count) {
-            the_first_is_hit(&Bench::with_bvh(&device(), &scene, kind));
+            for probe in probes(kind) {
+                the_first_is_hit(&Bench::with_bvh(&device(), &scene, kind), probe);
+            }
         }
     }
 }
 
-fn the_first_is_hit(bench: &Bench) {
+fn the_first_is_hit(bench: &Bench, probe: &str) {
     let mut random = Uniform::new(2);
     let [a, b, c] = corners(bench, 0).map(|v| v.as_vec3());
     let queries: Vec<_> = (0..1000)
@@ -225,7 +237,7 @@ fn the_first_is_hit(bench: &Bench) {
             Query::new(origin, target - origin)
         })
         .collect();
-    let answers: Vec<Answer> = bench.run("traversal", &queries);
+    let answers: Vec<Answer> = bench.run(probe, &queries);
     for answer in answers {
         assert_eq!(bench.scene.triangles[answer.triangle as usize].original, 0);
     }
@@ -265,9 +277,11 @@ fn no_ray_leaks_out_of_a_closed_body() {
                 Query::new(origin, if i % 8 < 4 { direction } else { direction.normalize() })
             })
             .collect();
-        let answers: Vec<Answer> = bench.run("traversal", &queries);
-        let leaks = answers.iter().filter(|answer| answer.triangle == NO_TRIANGLE || answer.blocked == 0).count();
-        assert_eq!(leaks, 0, "leaks out of a body of {} triangles, {kind:?}", body.len());
+        for probe in probes(kind) {
+            let answers: Vec<Answer> = bench.run(probe, &queries);
+            let leaks = answers.iter().filter(|answer| answer.triangle == NO_TRIANGLE || answer.blocked == 0).count();
+            assert_eq!(leaks, 0, "leaks out of a body of {} triangles, {kind:?}, {probe}", body.len());
+        }
         traced += queries.len();
     }
     assert_eq!(traced, rays * bodies.iter().map(|body| BvhKind::all_of(body.len()).count()).sum::<usize>());

@@ -317,7 +317,9 @@ mod tests {
 
     #[test]
     fn only_a_film_over_the_limit_is_cut_into_tiles() {
-        let tile_rows = |width, height, device| Plan::new(&settings(width, height, 1, None), 8, device).tile_rows;
+        let tile_rows = |width, height, device| {
+            Plan::new(&settings(width, height, 1, None), Scheduler::Bounce, 8, device).tile_rows
+        };
         assert_eq!(tile_rows(2048, 1024, &DEVICE), 1024);
         assert_eq!(tile_rows(2048, 1025, &DEVICE), 1024);
         assert_eq!(tile_rows(16_384, 16_384, &DEVICE), 128);

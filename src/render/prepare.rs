@@ -451,7 +451,11 @@ impl Needs {
 
     /// Bytes of the traversal stacks of `paths` at once, beyond what stays in registers.
     pub fn stack_bytes(&self, paths: u32) -> u64 {
-        let blocks = self.stack_size.saturating_sub(STACK_REGISTERS).div_ceil(STACK_BLOCK);
+        // Full registers give a block away before they are asked for room.
+        let blocks = match self.stack_size.checked_sub(STACK_REGISTERS) {
+            None | Some(0) => 0,
+            Some(rest) => 1 + rest / STACK_BLOCK,
+        };
         u64::from(blocks) * u64::from(paths) * u64::from(4 * STACK_BLOCK)
     }
 }

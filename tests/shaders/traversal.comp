@@ -1,6 +1,12 @@
 // The nearest hit of a ray, and whether anything but a target lies nearer than a limit.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#ifdef SUBGROUP_BALLOT
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_KHR_shader_subgroup_vote : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
+#endif
 #include "probe.glsl"
 #include "bvh.glsl"
 
@@ -25,7 +31,7 @@ uint deepest_wide_stack(Ray ray) {
     while (node != NO_NODE) {
         uint first_triangle;
         uint hits = meet_children(node, grid, FARTHEST, first_triangle);
-        node = next_node(node, hits >> WIDE_INNER_BIT, grid.octant, stack);
+        node = next_node(node, met_by_any(hits >> WIDE_INNER_BIT), grid.octant, stack);
         balance_stack(stack);
         deepest = max(deepest, entries(stack));
     }
@@ -48,7 +54,7 @@ uint deepest_binary_stack(Ray ray) {
     return deepest;
 }
 
-// Walks every node that the ray enters, to see how far the stack grows.
+// Walks every node that the ray, or one of its packet, enters, to see how far the stack grows.
 uint deepest_stack(Ray ray) {
     return BVH_WIDTH == 2u ? deepest_binary_stack(ray) : deepest_wide_stack(ray);
 }
