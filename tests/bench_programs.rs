@@ -165,9 +165,8 @@ assert common.verdict({'median': 1.3, 'low': 1.25, 'high': 1.4}, 1.2) == 'met'
 fn programs_that_disagree_are_told() {
     assert_python(
         "
-samples = bench('samples')
 def difference(means):
-    return samples.complaint(list(samples.differences(means)))
+    return common.complaint(list(common.differences(means)))
 draw = random.Random(3)
 def means(centre):
     return [[draw.gauss(c, 0.01) for c in centre] for _ in range(11)]
