@@ -1,4 +1,4 @@
-"""What `bench/samples` and `bench/traversal` share: statistics, programs, tables."""
+"""What the benches share: statistics, programs, tables."""
 
 import json
 import math
@@ -11,6 +11,11 @@ import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 CONFIDENCE = 0.95
+# Two-sided 95 % quantiles of Student's t, by degrees of freedom.
+STUDENT = [12.71, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131]
+# Means of two renderers may differ by so many standard errors, and by this share besides: what they may round in other ways.
+MOST_SIGMAS = 5.0
+MOST_SHARE = 0.002
 
 
 class Failure(Exception):
@@ -47,6 +52,36 @@ def interval(values):
 def summary(values):
     low, high = interval(values)
     return {"median": median(values), "low": low, "high": high}
+
+
+def student(freedom):
+    """Half of a 95 % interval, in standard errors."""
+    return STUDENT[freedom - 1] if freedom <= len(STUDENT) else 1.96 + 2.4 / freedom
+
+
+def mean_and_error(values):
+    mean = math.fsum(values) / len(values)
+    variance = math.fsum((value - mean) ** 2 for value in values) / (len(values) - 1)
+    return mean, math.sqrt(variance / len(values))
+
+
+def differences(means):
+    """How far the images of two programs are apart in the mean, and how far they may be, in shares of the latter's, by
+    colour."""
+    for channel, colour in enumerate(("red", "green", "blue")):
+        (a, a_error), (b, b_error) = (mean_and_error([mean[channel] for mean in m]) for m in means.values())
+        scale = abs(b) or 1.0
+        allowed = MOST_SIGMAS * math.hypot(a_error, b_error) / scale + MOST_SHARE
+        yield {"colour": colour, "share": abs(a - b) / scale, "allowed": allowed}
+
+
+def complaint(apart):
+    """What is wrong with the means, in words, or None."""
+    for channel in apart:
+        # Also where a number is none.
+        if not channel["share"] <= channel["allowed"]:
+            return f"the images' {channel['colour']} differs by {channel['share']:.2%}, and {channel['allowed']:.2%} is noise"
+    return None
 
 
 def verdict(ratio, target):
@@ -135,6 +170,58 @@ class Worker:
         self.close()
 
 
+def check_mitsuba(given, leave_out=""):
+    """Fails where Mitsuba or the oracle is missing; `leave_out` says how to do without."""
+    if given.oracle is None:
+        raise Failure(f"name the script that loads scenes into Mitsuba by --oracle{leave_out}")
+    if not given.oracle.is_file():
+        raise Failure(f"{given.oracle}: there is no such script")
+    try:
+        probe = subprocess.run([given.python, "-c", "import mitsuba, numpy"], capture_output=True, check=False)
+    except OSError as error:
+        raise Failure(f"{given.python}: cannot be started: {error.strerror}") from error
+    if probe.returncode != 0:
+        raise Failure(
+            f"Mitsuba is missing for {given.python}: pip install mitsuba numpy, and on Debian apt-get install libllvm19"
+            f"{leave_out}"
+        )
+
+
+class Raywave:
+    """`raywave render`, a process each time; the seconds are those that it reports, from a scene that is loaded and kernels
+    that are compiled to the last sample. `work` has scene, width, height and bounces; the image of a render is left
+    in `image`."""
+
+    name = "raywave"
+
+    def __init__(self, given, program, work, folder, flags=()):
+        self.image, self.stats = folder / "image.exr", folder / "stats.json"
+        self.command = [program, "render", work.scene, "-o", self.image, "--stats", self.stats, "--quiet"]
+        self.command += ["--width", work.width, "--height", work.height, "--max-bounces", work.bounces]
+        self.command += [*flags, *(["--device", given.device] if given.device else [])]
+
+    def render(self, samples, seed, *flags):
+        run([*self.command, *flags, "--samples", samples, "--seed", seed])
+        report = json.loads(self.stats.read_text())
+        self.about = report["settings"]
+        return {"seconds": report["wall_seconds"], "mean": report["mean_radiance"], "samples": samples}
+
+
+class Mitsuba:
+    """A worker that has loaded the scene."""
+
+    name = "mitsuba"
+
+    def __init__(self, given, work):
+        command = [given.python, ROOT / "bench" / "mitsuba_worker.py", given.oracle, work.scene]
+        self.worker = Worker([*command, work.width, work.height, work.bounces, given.variant])
+        self.about = self.worker.about
+
+    def render(self, samples, seed, *more):
+        """The samples are those that the sampler made of what it was asked for."""
+        return self.worker.ask(" ".join(str(word) for word in (samples, seed, *more)))
+
+
 def machine():
     """What a figure depends on."""
     model, flags = platform.processor(), ""
@@ -180,15 +267,18 @@ def need(program, packages):
 
 
 def scene_file(given, raywave, case, folder):
-    """The scene of a case: raywave's own Cornell box or gallery, or one in the folder that --scenes names, as CASE.toml
-    or CASE/CASE.toml."""
+    """The scene of a case: one of raywave's own, the gallery among them, or one in the folder that --scenes names, as
+    CASE.toml or CASE/CASE.toml."""
     if case == "gallery":
         scene = folder / "gallery" / "gallery.toml"
         if not scene.exists():
             say(f"writing the gallery of {given.triangles} triangles")
             run([raywave, "gallery", scene.parent, "--triangles", given.triangles])
         return scene
-    place = ROOT / "scenes" if case == "cornell-box" else given.scenes
+    own = ROOT / "scenes" / f"{case}.toml"
+    if own.is_file():
+        return own
+    place = given.scenes
     if place is None:
         raise Failure(f"{case} is not part of raywave; name its folder by --scenes")
     for path in (place / f"{case}.toml", place / case / f"{case}.toml"):

@@ -102,8 +102,10 @@ fn what_is_missing_is_told_with_its_package() {
     let python = python.path().join("python");
     let python = python.to_str().expect("a plain path");
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/bench/common.py");
-    let line = complaint(bench("samples", &["--oracle", script, "--python", python, "--cases", "cornell-box"]));
-    assert!(line.contains("pip install mitsuba numpy"), "{line}");
+    for (name, case) in [("samples", "cornell-box"), ("vs_mitsuba", "cornell-glass")] {
+        let line = complaint(bench(name, &["--oracle", script, "--python", python, "--cases", case]));
+        assert!(line.contains("pip install mitsuba numpy"), "{line}");
+    }
 }
 
 #[test]
@@ -113,15 +115,25 @@ fn bad_arguments_are_told_in_a_line() {
         ("samples", &["--oracle", "nowhere.py"], "nowhere.py: there is no such script"),
         ("samples", &["--peers", "none", "--cases", "kitchen"], "kitchen is not part of raywave"),
         ("samples", &["--peers", "none", "--json", "/nowhere/a.json"], "/nowhere/a.json: cannot be written"),
+        ("vs_mitsuba", &[], "--oracle"),
+        ("vs_mitsuba", &["--oracle", "nowhere.py"], "nowhere.py: there is no such script"),
+        ("vs_mitsuba", &["--json", "/nowhere/a.json"], "/nowhere/a.json: cannot be written"),
         ("traversal", &["--peers", "none", "--cases", "kitchen", "--scenes", "/"], "there is no kitchen.toml"),
         ("traversal", &["--peers", "none", "--cases", "cornell-box", "--device", "abacus"], "abacus"),
     ] {
         let line = complaint(bench(name, arguments));
         assert!(line.contains(words), "{line}");
     }
-    let usage = output(bench("traversal", &["--cases", "teapot"]));
-    assert_eq!(usage.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&usage.stderr).contains("teapot is none of"));
+    for (name, arguments, words) in [
+        ("traversal", ["--cases", "teapot"], "teapot is none of"),
+        ("vs_mitsuba", ["--cases", "teapot"], "teapot is none of"),
+        ("vs_mitsuba", ["--rounds", "2"], "--rounds must be 3 or more"),
+        ("vs_mitsuba", ["--budget", "0"], "--budget must be above 0"),
+    ] {
+        let usage = output(bench(name, &arguments));
+        assert_eq!(usage.status.code(), Some(2));
+        assert!(String::from_utf8_lossy(&usage.stderr).contains(words), "{name}");
+    }
 }
 
 /// Runs Python that has the benches at hand as modules.
@@ -165,9 +177,8 @@ assert common.verdict({'median': 1.3, 'low': 1.25, 'high': 1.4}, 1.2) == 'met'
 fn programs_that_disagree_are_told() {
     assert_python(
         "
-samples = bench('samples')
 def difference(means):
-    return samples.complaint(list(samples.differences(means)))
+    return common.complaint(list(common.differences(means)))
 draw = random.Random(3)
 def means(centre):
     return [[draw.gauss(c, 0.01) for c in centre] for _ in range(11)]
@@ -185,4 +196,128 @@ assert 'abacus answers 11 of 100000' in disagreement(rays, [program(0, 0), progr
 assert 'abacus answers 101 of 100000' in disagreement(rays, [program(0, 101)])
 ",
     );
+}
+
+/// Programs whose images are a picture and noise that is known, rendered in no time.
+const FAKE_PROGRAMS: &str = "
+import math
+vs = bench('vs_mitsuba')
+picture = [0.0, 0.1, 0.5, 2.0] * 150
+class Fake:
+    # Of each setting: relMSE of one sample, how it falls, seconds of a sample, and what is added to every pixel.
+    def __init__(self, kinds):
+        self.kinds, self.draw, self.rendered = kinds, random.Random(5), []
+    def pair(self, setting, samples, number):
+        error, order, cost, bias = self.kinds[setting]
+        self.rendered.append((setting, samples, number))
+        deviation = math.sqrt(error * samples ** -order)
+        image = lambda: [p + bias + self.draw.gauss(0, deviation * math.sqrt(p * p + vs.DARK)) for p in picture]
+        images = [image(), image()]
+        seconds = lambda: cost * samples * self.draw.uniform(0.95, 1.05)
+        shots = [{'samples': samples, 'seconds': seconds(), 'mean': [sum(i) / len(i)] * 3} for i in images]
+        return vs.Pair(shots, images)
+    def shot(self, setting, samples, seed):
+        self.pair(setting, samples, seed)
+quick, slow = (vs.Setting('raywave', name, ()) for name in ('quick', 'slow'))
+peer = vs.Setting('mitsuba', 'peer', ())
+";
+
+#[test]
+fn time_to_an_error_is_that_of_the_line_through_two_counts() {
+    assert_python(&format!(
+        "{FAKE_PROGRAMS}
+P = vs.Point
+near = lambda a, b: all(abs(x / y - 1) < 1e-9 for x, y in zip(a, b))
+# Error of order 2, time in proportion: between the counts, and beyond.
+assert near(vs.reach([P(16, 1.6, 0.04), P(64, 6.4, 0.0025)], 0.01), (32, 3.2))
+assert near(vs.reach([P(4, 0.4, 0.64), P(16, 1.6, 0.04)], 0.01), (32, 3.2))
+# Errors that do not fall, by chance, are taken to fall as of independent samples.
+assert near(vs.reach([P(4, 0.4, 0.02), P(16, 1.6, 0.02)], 0.01), (16, 1.6))
+# Fewer than one sample there is not.
+assert vs.reach([P(4, 0.4, 1e-6), P(16, 1.6, 1e-7)], 0.01)[0] == 1
+# The pilot takes the two on both sides of the target.
+known = [P(4, 0.4, 0.08), P(16, 1.6, 0.02), P(64, 6.4, 0.00125)]
+assert near(vs.predicted(known, 0.01), vs.reach(known[1:], 0.01))
+assert near(vs.predicted(known, 0.05), vs.reach(known[:2], 0.05))
+assert near(vs.predicted(known[:1], 0.01), (32, 3.2))
+# A power of two above what is needed, where the time allows.
+assert vs.choose({{quick: known}}, 0.01, 100) == (quick, 8, 32)
+assert vs.choose({{quick: known}}, 0.0001, 1.7) == (quick, 4, 16)
+assert vs.verdict({{'low': 1.1, 'high': 1.3}}) == 'ahead' and vs.verdict({{'low': 0.9, 'high': 1.1}}) == 'within noise'
+assert vs.digits(0.012345) == '0.0123' and vs.digits(12345.6) == '12346'
+"
+    ));
+}
+
+#[test]
+fn time_to_an_error_is_found_again_in_images_of_known_noise() {
+    assert_python(&format!(
+        "{FAKE_PROGRAMS}
+kinds = {{quick: (1.0, 1.0, 0.001, 0.0), slow: (1.0, 1.0, 0.002, 0.0), peer: (2.0, 1.5, 0.001, 0.0)}}
+fake, shuffle = Fake(kinds), random.Random(2)
+vs.TARGETS = [1e-1, 1e-2]
+points, reference = vs.pilot(fake, list(kinds), 1e9, shuffle)
+assert set(points) == {{quick, peer}}, points
+assert 0 < reference.error() < 1e-2
+choices = {{(s.program, t): vs.choose({{s: points[s]}}, t, 1e9) for s in points for t in vs.TARGETS}}
+fake.rendered.clear()
+rounds, apart = vs.measure(fake, choices, 8, reference.weights(), shuffle)
+# The order of a round is drawn.
+orders = [[task[:2] for task in fake.rendered if task[2] == 1_000_000 + n] for n in range(8)]
+assert len(set(map(tuple, orders))) > 1 and all(sorted(o) == sorted(orders[0]) for o in orders)
+means = {{s.program: [m for row in rounds for m in row[s, choices[s.program, 1e-2].top]['means']] for s in points}}
+assert vs.complaint(means, apart) is None
+work = types.SimpleNamespace(words=lambda: 'fake')
+rows = list(vs.rows_of(work, choices, rounds, apart))
+for row in rows:
+    for name, (error, order, cost, _) in (('raywave', kinds[quick]), ('mitsuba', kinds[peer])):
+        truth = cost * (error / row['target']) ** (1 / order)
+        told = row[name]['seconds']
+        assert told['low'] * 0.98 <= truth <= told['high'] * 1.02 and told['high'] < 1.5 * told['low'], (row, truth)
+# 0.1 s beside 0.034 s.
+assert rows[1]['verdict'] == 'behind' and 0.28 < rows[1]['ratio']['value'] < 0.42, rows[1]
+assert all(len(vs.cells(row)) == 9 for row in rows)
+"
+    ));
+}
+
+#[test]
+fn images_that_are_apart_are_told_pixel_by_pixel() {
+    assert_python(&format!(
+        "{FAKE_PROGRAMS}
+def apart(bias, rounds=8):
+    fake = Fake({{quick: (1.0, 1.0, 1, 0.0), peer: (1.0, 1.0, 1, bias)}})
+    weights = [1 / (p * p + vs.DARK) for p in picture]
+    return [vs.apart_of(fake.pair(quick, 256, n), fake.pair(peer, 256, n), weights) for n in range(rounds)]
+same = {{name: [[0.5 + n * 1e-3] * 3 for n in range(8)] for name in vs.PROGRAMS}}
+assert vs.complaint(same, apart(0.0)) is None
+# 0.05 squared over picture squared and 0.01, on average.
+truth = sum(0.0025 / (p * p + vs.DARK) for p in picture) / len(picture)
+mean, error = common.mean_and_error(apart(0.05, 40))
+assert abs(mean - truth) < 4 * error < truth / 4, (mean, truth, error)
+assert 'apart' in vs.complaint(same, apart(0.05))
+assert 'apart' in vs.complaint(same, [float('nan')] * 8)
+assert 'red' in vs.complaint(same | {{'mitsuba': [[0.9] * 3] * 8}}, apart(0.0))
+# The error of a pair is the relMSE that its noise has, 1/256.
+fake = Fake({{quick: (1.0, 1.0, 1, 0.0)}})
+weights = [1 / (p * p + vs.DARK) for p in picture]
+error = sum(vs.error_of(fake.pair(quick, 256, n), weights) for n in range(40)) / 40
+assert abs(256 * error - 1) < 0.04, error
+"
+    ));
+}
+
+#[test]
+fn intervals_of_few_rounds_hold_what_they_estimate() {
+    assert_python(&format!(
+        "{FAKE_PROGRAMS}
+draw = random.Random(11)
+vs.RESAMPLES, held = 200, 0
+for _ in range(500):
+    rounds = [math.exp(draw.gauss(0, 0.3)) for _ in range(6)]
+    told = vs.with_interval(rounds, lambda some: sum(some) / len(some), draw)
+    held += told['low'] <= math.exp(0.045) <= told['high']
+assert 0.91 < held / 500 < 0.985, held
+"
+    ));
 }
