@@ -7,7 +7,7 @@ mod common;
 use std::fs;
 use std::ops::ControlFlow;
 
-use common::{device, gallery, own_scene, project_file, render_on};
+use common::{device, gallery, own_scene, project_file, render_on, tries};
 use glam::DVec3;
 use rayon::prelude::*;
 use raywave::gpu::Device;
@@ -85,21 +85,22 @@ fn schedulers_batches_and_workgroups_leave_no_trace() {
     let scenes = all_scenes();
     assert!(scenes.len() > 7, "scenes/ and the gallery");
     let cases: Vec<_> = scenes.iter().flat_map(|scene| ESTIMATORS.map(|estimator| (scene, estimator))).collect();
-    cases.into_par_iter().for_each(|((name, scene), (integrator, sampler, roulette_mode, clamp))| {
+    let ways: Vec<_> = SCHEDULERS.iter().flat_map(|scheduler| CUTS.map(|cut| (*scheduler, cut))).collect();
+    cases.into_par_iter().enumerate().for_each(|(case, ((name, scene), (integrator, sampler, roulette_mode, clamp)))| {
         let settings = Settings { integrator, sampler, roulette_mode, roulette_from: 1, clamp, ..Settings::of(scene) };
         let reference = Render::new(&device, scene, settings);
         assert!(reference.sums.iter().any(|sum| *sum != DVec3::ZERO), "{name} {integrator:?} is black");
-        for (scheduler, shadow_rays) in SCHEDULERS {
-            for (paths, workgroup) in CUTS {
-                let (in_flight, workgroup_size) = (Some(paths), Some(workgroup));
-                let settings =
-                    Settings { scheduler: Some(scheduler), shadow_rays, in_flight, workgroup_size, ..settings };
-                assert!(
-                    Render::new(&device, scene, settings) == reference,
-                    "{name}, {integrator:?} differs: {scheduler:?}, shadow rays {shadow_rays:?}, {paths} paths in \
-                     flight, workgroups of {workgroup}"
-                );
+        for (way, ((scheduler, shadow_rays), (paths, workgroup))) in ways.iter().copied().enumerate() {
+            if !tries(&device, case * ways.len() + way, 7) {
+                continue;
             }
+            let (in_flight, workgroup_size) = (Some(paths), Some(workgroup));
+            let settings = Settings { scheduler: Some(scheduler), shadow_rays, in_flight, workgroup_size, ..settings };
+            assert!(
+                Render::new(&device, scene, settings) == reference,
+                "{name}, {integrator:?} differs: {scheduler:?}, shadow rays {shadow_rays:?}, {paths} paths in flight, \
+                 workgroups of {workgroup}"
+            );
         }
     });
 }
