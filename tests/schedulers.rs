@@ -7,7 +7,7 @@ mod common;
 use std::fs;
 use std::ops::ControlFlow;
 
-use common::{device, gallery, own_scene, project_file, render_on, tries};
+use common::{device, gallery, own_scene, project_file, render_on};
 use glam::DVec3;
 use rayon::prelude::*;
 use raywave::gpu::Device;
@@ -90,10 +90,9 @@ fn schedulers_batches_and_workgroups_leave_no_trace() {
         let settings = Settings { integrator, sampler, roulette_mode, roulette_from: 1, clamp, ..Settings::of(scene) };
         let reference = Render::new(&device, scene, settings);
         assert!(reference.sums.iter().any(|sum| *sum != DVec3::ZERO), "{name} {integrator:?} is black");
-        for (way, ((scheduler, shadow_rays), (paths, workgroup))) in ways.iter().copied().enumerate() {
-            if !tries(&device, case * ways.len() + way, 7) {
-                continue;
-            }
+        // One of seven: seven scenes have among them each estimator by each scheduler by each cut.
+        let ways = ways.iter().copied().enumerate().filter(|(way, _)| (case * ways.len() + way).is_multiple_of(7));
+        for (_, ((scheduler, shadow_rays), (paths, workgroup))) in ways {
             let (in_flight, workgroup_size) = (Some(paths), Some(workgroup));
             let settings = Settings { scheduler: Some(scheduler), shadow_rays, in_flight, workgroup_size, ..settings };
             assert!(
