@@ -139,7 +139,7 @@ fn check(scene: &Scene, width: u32, height: u32) {
                 (Scheduler::Bounce, ShadowRays::AtOnce),
                 (Scheduler::Megakernel, ShadowRays::AtOnce),
             ] {
-                if !cases.next().is_some_and(|case| tries(&device, case, 5)) {
+                if !cases.next().is_some_and(|case| tries(&device, case, 7)) {
                     continue;
                 }
                 let case = format!("{case}, {scheduler:?}, shadow rays {shadow_rays:?}");
