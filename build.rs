@@ -8,7 +8,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::{env, fs, process};
+use std::{env, fs, process, thread};
 
 use rspirv::binary::Assemble;
 use rspirv::dr::{Instruction, Module, Operand};
@@ -58,9 +58,8 @@ fn main() {
     for source in ["shaders", PROBES, "src/constants.rs"] {
         println!("cargo::rerun-if-changed={source}");
     }
-    let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
-    let kernels = Table::of(&compiler, "shaders", &EDITIONS, &out);
-    let probes = Table::of(&compiler, PROBES, &[Edition::Exact], &out);
+    let kernels = Table::of("shaders", &EDITIONS, &out);
+    let probes = Table::of(PROBES, &[Edition::Exact], &out);
 
     let errors: Vec<_> = [&kernels, &probes].into_iter().flat_map(|table| &table.errors).cloned().collect();
     if !errors.is_empty() {
@@ -89,13 +88,13 @@ struct Table {
 }
 
 impl Table {
-    fn of(compiler: &shaderc::Compiler, folder: &str, editions: &[Edition], out: &Path) -> Self {
+    fn of(folder: &str, editions: &[Edition], out: &Path) -> Self {
         let mut paths: Vec<PathBuf> = fs::read_dir(folder)
             .map(|entries| entries.map(|entry| entry.expect("a shader folder can be read").path()).collect())
             .unwrap_or_default();
         paths.retain(|path| path.extension().is_some_and(|extension| extension == "comp"));
         // Name, file, and the macro of a form.
-        let mut kernels: Vec<(String, PathBuf, Option<&str>)> = Vec::new();
+        let mut kernels: Vec<(String, PathBuf, Option<&'static str>)> = Vec::new();
         for path in paths {
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             let forms = FORMS.iter().filter(|(_, file, _)| *file == name);
@@ -104,33 +103,47 @@ impl Table {
         }
         kernels.sort();
 
+        // In threads: the kernels take half a minute one after the other.
+        thread::scope(|scope| {
+            let of = |(name, path, form): &(String, PathBuf, Option<&'static str>)| {
+                let (name, path, form) = (name.clone(), path.clone(), *form);
+                scope.spawn(move || Self::of_kernel(folder, &name, &path, form, editions, out))
+            };
+            let threads: Vec<_> = kernels.iter().map(of).collect();
+            threads.into_iter().fold(Self::default(), |mut all, kernel| {
+                let kernel = kernel.join().expect("a kernel that does not compile is an error of its table");
+                all.entries += &kernel.entries;
+                all.structs.extend(kernel.structs);
+                all.errors.extend(kernel.errors);
+                all
+            })
+        })
+    }
+
+    /// A kernel that its file is, or that the macro of a form makes of it.
+    fn of_kernel(folder: &str, name: &str, path: &Path, form: Option<&str>, editions: &[Edition], out: &Path) -> Self {
         let mut table = Self::default();
-        for (name, path, form) in &kernels {
-            let source = fs::read_to_string(path).expect("a listed shader can be read");
-            writeln!(table.entries, "    Kernel {{ name: {name:?}, variants: &[").expect("strings grow");
-            let variants = editions.iter().flat_map(|edition| ACCESSES.map(|macros| (*edition, macros)));
-            let mut failed = false;
-            for (index, (edition, macros)) in variants.enumerate() {
-                let macros: Vec<&str> = macros.iter().chain(form).copied().collect();
-                match compile(compiler, path, &source, edition, &macros) {
-                    Ok(module) => {
-                        let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
-                        let bytes: Vec<u8> = module.assemble().iter().flat_map(|word| word.to_ne_bytes()).collect();
-                        fs::write(&file, bytes).expect("OUT_DIR can be written");
-                        let reflection = Reflection::of(&module);
-                        writeln!(table.entries, "{}", reflection.entry(&file)).expect("strings grow");
-                        table.structs.extend(reflection.structs);
-                    }
-                    // The variants fail alike: one report a kernel is enough.
-                    Err(error) if !failed => {
-                        failed = true;
-                        table.errors.push(error);
-                    }
-                    Err(_) => {}
+        let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
+        let source = fs::read_to_string(path).expect("a listed shader can be read");
+        writeln!(table.entries, "    Kernel {{ name: {name:?}, variants: &[").expect("strings grow");
+        let variants = editions.iter().flat_map(|edition| ACCESSES.map(|macros| (*edition, macros)));
+        for (index, (edition, macros)) in variants.enumerate() {
+            let macros: Vec<&str> = macros.iter().copied().chain(form).collect();
+            match compile(&compiler, path, &source, edition, &macros) {
+                Ok(module) => {
+                    let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
+                    let bytes: Vec<u8> = module.assemble().iter().flat_map(|word| word.to_ne_bytes()).collect();
+                    fs::write(&file, bytes).expect("OUT_DIR can be written");
+                    let reflection = Reflection::of(&module);
+                    writeln!(table.entries, "{}", reflection.entry(&file)).expect("strings grow");
+                    table.structs.extend(reflection.structs);
                 }
+                // The variants fail alike: one report a kernel is enough.
+                Err(error) if table.errors.is_empty() => table.errors.push(error),
+                Err(_) => {}
             }
-            writeln!(table.entries, "    ] }},").expect("strings grow");
         }
+        writeln!(table.entries, "    ] }},").expect("strings grow");
         table
     }
 }

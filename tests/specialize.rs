@@ -6,7 +6,7 @@ mod common;
 use std::collections::BTreeSet;
 use std::fs;
 
-use common::{device, gallery, own_scene, project_file, render_on, scene_from};
+use common::{device, gallery, own_scene, project_file, render_on, scene_from, tries};
 use rayon::prelude::*;
 use raywave::render::{
     Footprint, Outcome, PreparedScene, RouletteMode, Scheduler, Settings, ShadowRays, feature_costs,
@@ -55,16 +55,18 @@ fn kernels_for_any_scene_give_the_same_bits() {
         ]
     };
     let cases: Vec<_> = scenes.iter().flat_map(|scene| renders(scene).map(|settings| (scene, settings))).collect();
-    cases.into_par_iter().for_each(|(scene, settings)| {
-        let [own, any] = [true, false].map(|specialize| {
-            let Outcome { film, statistics } = render_on(&device, scene, &Settings { specialize, ..settings });
-            (film.sum, film.sum_of_squares, statistics.bounce_rays, statistics.shadow_rays, statistics.memory_bytes)
-        });
-        let what = format!("{}, {settings:?}", scene.name);
-        assert!(own.0 == any.0 && own.1 == any.1, "{what}: another image");
-        assert_eq!((own.2, own.3), (any.2, any.3), "{what}: other rays");
-        assert!(own.4 < any.4, "{what}: {} bytes are no fewer than {}", own.4, any.4);
-    });
+    cases.into_par_iter().enumerate().filter(|(case, _)| tries(&device, *case, 5)).for_each(
+        |(_, (scene, settings))| {
+            let [own, any] = [true, false].map(|specialize| {
+                let Outcome { film, statistics } = render_on(&device, scene, &Settings { specialize, ..settings });
+                (film.sum, film.sum_of_squares, statistics.bounce_rays, statistics.shadow_rays, statistics.memory_bytes)
+            });
+            let what = format!("{}, {settings:?}", scene.name);
+            assert!(own.0 == any.0 && own.1 == any.1, "{what}: another image");
+            assert_eq!((own.2, own.3), (any.2, any.3), "{what}: other rays");
+            assert!(own.4 < any.4, "{what}: {} bytes are no fewer than {}", own.4, any.4);
+        },
+    );
 }
 
 /// Buffers that a render of the scene binds.

@@ -5,7 +5,7 @@ mod common;
 
 use std::ops::ControlFlow;
 
-use common::{assert_silent, device, own_scene};
+use common::{assert_silent, device, own_scene, tries};
 use raywave::gpu::Device;
 use raywave::render::{Outcome, PreparedScene, Progress, Scheduler, Session, SessionOptions, Settings};
 use raywave::scene::Scene;
@@ -37,6 +37,7 @@ fn render(
 #[test]
 fn tiles_leave_no_trace() {
     let device = device();
+    let mut cases = 0..;
     for name in ["cornell-glass", "textured-sky"] {
         let scene = own_scene(name);
         for scheduler in [Scheduler::Wavefront, Scheduler::Bounce, Scheduler::Megakernel] {
@@ -45,6 +46,9 @@ fn tiles_leave_no_trace() {
             assert!(whole.film.sum[0] != whole.film.sum[(WIDTH * HEIGHT / 2) as usize], "{name} is of one colour");
             // Paths in flight: a part of a tile's pixels, or all samples of one and a part of another's.
             for (film_rows, in_flight) in [(1, 7), (1, 1000), (3, 50), (5, 1000), (16, 300)] {
+                if !cases.next().is_some_and(|case| tries(&device, case, 7)) {
+                    continue;
+                }
                 let settings = Settings { in_flight: Some(in_flight), ..settings };
                 let mut done = 0;
                 let tiled = render(&device, &scene, settings, film_rows, |progress| {

@@ -5,7 +5,7 @@ mod common;
 
 use std::ops::ControlFlow;
 
-use common::{assert_silent, device, own_scene, render_on};
+use common::{assert_silent, device, own_scene, render_on, tries};
 use glam::{DVec3, Vec3};
 use raywave::bvh::{self, BvhKind, Ray, Work};
 use raywave::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
@@ -51,6 +51,7 @@ fn stage(outcome: &Outcome, stage: u32) -> Vec<WorkCount> {
 #[test]
 fn work_that_is_added_or_moved_leaves_no_trace() {
     let device = device();
+    let mut cases = 0..;
     for name in ["cornell-glass", "cornell-phong", "cornell-box"] {
         let scene = own_scene(name);
         let reference = sums(render_on(&device, &scene, &small(&scene)));
@@ -68,7 +69,10 @@ fn work_that_is_added_or_moved_leaves_no_trace() {
                 Settings { paths_per_invocation: Some(1), ..plain },
                 Settings { paths_per_invocation: Some(7), workgroup_size: Some(32), ..plain },
             ]) {
-                assert!(reference == sums(render_on(&device, &scene, &settings)), "{name} differs with {settings:?}");
+                if cases.next().is_some_and(|case| tries(&device, case, 5)) {
+                    let found = sums(render_on(&device, &scene, &settings));
+                    assert!(reference == found, "{name} differs with {settings:?}");
+                }
             }
         }
     }

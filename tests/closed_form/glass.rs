@@ -3,7 +3,7 @@
 use glam::{DVec3, dvec3};
 
 use crate::check::*;
-use crate::common::device;
+use crate::common::{device, tries};
 use crate::stage::*;
 
 /// Cosine beyond an interface, or `None` where all light is reflected. `eta` is the index beyond
@@ -88,8 +88,12 @@ fn radiance_scales_with_the_square_of_the_index() {
 #[test]
 fn an_interface_splits_light_after_fresnel() {
     let device = device();
-    for ni in [1.5, 2.4] {
+    for (case, ni) in [1.5, 2.4].into_iter().enumerate() {
+        // Into glass and out of it.
         for side in [1.0, -1.0] {
+            if !tries(&device, 2 * case + usize::from(side < 0.0), 3) {
+                continue;
+            }
             let view = View::new(dvec3(0.0, 0.0, side), dvec3(1.0, 0.0, 0.0), 80.0);
             let stage = Stage::new(view)
                 .material(&format!("illum 7; Ni {ni}"))

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec3, dvec3};
 
 use crate::check::*;
-use crate::common::device;
+use crate::common::{device, tries};
 use crate::stage::*;
 
 /// Two mirrors face each other and a lamp closes the corridor: unfolded, a ray runs straight and
@@ -27,7 +27,7 @@ fn a_corridor_of_mirrors_dims_by_each_reflection() {
         .material("Ke 2")
         .square(dvec3(LENGTH, 0.0, 0.0), -DVec3::X, 60.0);
     let device = device();
-    for bounces in [0, 1, 3, 8] {
+    for (_, bounces) in [0, 1, 3, 8].into_iter().enumerate().filter(|(case, _)| tries(&device, *case, 3)) {
         assert_image(&device, &format!("{bounces} bounces"), &stage, settings(64, 32, bounces), 0.0, |d| {
             let reflections = (0.5 * (LENGTH * d.z / d.x + 1.0)).floor().abs();
             if reflections <= f64::from(bounces) { 2.0 * ks.powf(reflections) } else { DVec3::ZERO }
@@ -57,10 +57,14 @@ fn phong_albedo(ns: f64, cos_view: f64) -> f64 {
 fn a_phong_floor_reads_its_albedo() {
     let device = device();
     let (kd, ks) = (dvec3(0.5, 0.2, 0.0), dvec3(0.5, 0.4, 1.0));
+    let mut cases = 0..;
     for ns in [1.0_f64, 20.0, 300.0] {
         let straight: f64 = (ns + 1.0) / (ns + 2.0);
         assert!((phong_albedo(ns, 1.0) - straight).abs() < 1e-4, "the quadrature is off");
         for (degrees, lobe) in [(0.0, straight), (70.0, phong_albedo(ns, (70.0 * PI / 180.0).cos()))] {
+            if !cases.next().is_some_and(|case| tries(&device, case, 5)) {
+                continue;
+            }
             let (sin, cos) = (degrees * PI / 180.0).sin_cos();
             // A millidegree is one angle.
             let view = View::new(2.0 * dvec3(sin, cos, 0.0), DVec3::ZERO, 1e-3);

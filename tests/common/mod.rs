@@ -20,6 +20,24 @@ pub fn device() -> Device {
     Device::open(&instance, description).expect("the device opens")
 }
 
+/// Whether a test of many cases tries the one of that index on this device: each on lavapipe, elsewhere one of `n`.
+/// SwiftShader takes half a second to build the kernels of a render, and does so by one thread. It is there for
+/// another compiler and fewer lanes, which show in any case; what shows in few of them shows on lavapipe. `n` shares
+/// no divisor with the numbers of what is combined, so that the cases left have all of it in turn.
+pub fn tries(device: &Device, index: usize, n: usize) -> bool {
+    is_lavapipe(device) || index.is_multiple_of(n)
+}
+
+/// The samples that a test takes on this device where any number makes a sound test. SwiftShader is ten times slower
+/// than lavapipe, and every path of it is held against the CPU's elsewhere.
+pub fn samples_on(device: &Device, samples: u32) -> u32 {
+    if is_lavapipe(device) { samples } else { samples / 16 }
+}
+
+fn is_lavapipe(device: &Device) -> bool {
+    device.description().driver.contains("Mesa")
+}
+
 /// Fails with everything that the validation layer said.
 pub fn assert_silent(device: &Device) {
     let messages = device.validation_messages();
