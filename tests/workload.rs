@@ -69,7 +69,7 @@ fn work_that_is_added_or_moved_leaves_no_trace() {
                 Settings { paths_per_invocation: Some(1), ..plain },
                 Settings { paths_per_invocation: Some(7), workgroup_size: Some(32), ..plain },
             ]) {
-                if cases.next().is_some_and(|case| tries(&device, case, 5)) {
+                if cases.next().is_some_and(|case| tries(&device, case, 7)) {
                     let found = sums(render_on(&device, &scene, &settings));
                     assert!(reference == found, "{name} differs with {settings:?}");
                 }
