@@ -6,7 +6,7 @@ mod common;
 use bytemuck::{Pod, Zeroable};
 use common::meshes::{Mesh, ball, cuboid, placed, soup};
 use common::probe::{Bench, Uniform, lanes, scene_of};
-use common::{device, gallery, own_scene};
+use common::{device, gallery, own_scene, samples_on};
 use glam::{DMat3, DVec3, Vec3};
 use raywave::bvh::{self, Bvh, BvhKind, Ray};
 use raywave::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE};
@@ -170,6 +170,7 @@ fn check(device: &Device, scene: &Scene, count: usize) {
 }
 
 fn check_kind(device: &Device, scene: &Scene, count: usize, kind: BvhKind) {
+    let count = samples_on(device, count as u32) as usize;
     let bench = Bench::with_bvh(device, scene, kind);
     let queries = rays_through(&bench, count, &mut Uniform::new(count as u64));
     for probe in probes(kind) {
