@@ -4,6 +4,8 @@
 //! Wide BVHs, section 3; their node, with four children too.)
 
 use std::collections::{HashMap, HashSet};
+use std::sync::atomic::AtomicU32;
+use std::sync::atomic::Ordering::Relaxed;
 
 use glam::Vec3;
 use obvhs::aabb::Aabb;
@@ -43,7 +45,7 @@ struct Open {
 struct Collapse<'a> {
     tree: &'a Bvh2,
     /// Of each node of the tree.
-    choices: Vec<Choice>,
+    choices: Vec<AtomicU32>,
     width: usize,
     node_texels: usize,
     root_area: f64,
@@ -96,9 +98,13 @@ pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
 }
 
 impl Collapse<'_> {
+    fn choice(&self, node: u32) -> Choice {
+        Choice(self.choices[node as usize].load(Relaxed))
+    }
+
     /// Whether a node of the tree becomes a leaf where it is a child.
     fn is_leaf(&self, node: u32) -> bool {
-        self.choices[node as usize][1] == 0
+        self.choice(node).share(1) == 0
     }
 
     /// The children of the wide node that a node of the tree becomes, and how many they are.
@@ -110,15 +116,15 @@ impl Collapse<'_> {
         while opened > 0 {
             opened -= 1;
             let (node, mut most) = open[opened];
-            let choice = self.choices[node as usize];
-            while most > 1 && choice[most] == 0 {
+            let choice = self.choice(node);
+            while most > 1 && choice.share(most) == 0 {
                 most -= 1;
             }
             if most == 1 {
                 children[count] = node;
                 count += 1;
             } else {
-                let (first, share) = (self.tree.nodes[node as usize].first_index, usize::from(choice[most]));
+                let (first, share) = (self.tree.nodes[node as usize].first_index, choice.share(most));
                 open[opened] = (first, share);
                 open[opened + 1] = (first + 1, most - share);
                 opened += 2;
@@ -177,10 +183,22 @@ impl Collapse<'_> {
     }
 }
 
-/// How the tree under a node is best cut into so many wide children, by that number: the share of the
-/// left child, or 0 where fewer are no worse. Of one child it is 0 for a leaf, 1 for a node. Of as many as
-/// a node has it is never 0.
-type Choice = [u8; WIDEST + 1];
+/// How the tree under a node is best cut into so many wide children, by that number, in four bits each: the
+/// share of the left child, or 0 where fewer are no worse. Of one child it is 0 for a leaf, 1 for a node. Of
+/// as many as a node has it is never 0.
+#[derive(Clone, Copy, Default)]
+struct Choice(u32);
+
+impl Choice {
+    fn share(self, count: usize) -> usize {
+        (self.0 >> (4 * (count - 1)) & 0xf) as usize
+    }
+
+    fn set(&mut self, count: usize, share: usize) {
+        let place = 4 * (count - 1);
+        self.0 = self.0 & !(0xf << place) | (share as u32) << place;
+    }
+}
 
 /// What the best cuts of a subtree cost.
 #[derive(Clone, Copy)]
@@ -204,26 +222,28 @@ impl Weights {
     fn of_node(aabb: &Aabb, left: &Self, right: &Self, width: usize) -> (Self, Choice) {
         let area = aabb.half_area();
         let triangles = left.triangles + right.triangles;
-        let (mut costs, mut choice) = ([f32::INFINITY; WIDEST + 1], [0; WIDEST + 1]);
-        for count in 2..=width {
+        let (mut costs, mut choice) = ([f32::INFINITY; WIDEST + 1], Choice::default());
+        for (count, least) in costs.iter_mut().enumerate().take(width + 1).skip(2) {
             // From the middle on: equal costs make an even tree.
-            choice[count] = (count / 2) as u8;
-            costs[count] = left.costs[count / 2] + right.costs[count - count / 2];
+            let mut best = count / 2;
+            let cost = |share: usize| left.costs[share] + right.costs[count - share];
             for share in 1..count {
-                let cost = left.costs[share] + right.costs[count - share];
-                if cost < costs[count] {
-                    (choice[count], costs[count]) = (share as u8, cost);
+                if cost(share) < cost(best) {
+                    best = share;
                 }
             }
+            choice.set(count, best);
+            *least = cost(best);
         }
         let leaf =
             if triangles <= WIDE_LEAF_TRIANGLES { TRIANGLE_COST * area * triangles as f32 } else { f32::INFINITY };
         let node = area + costs[width];
-        choice[1] = u8::from(leaf > node || triangles > WIDE_LEAF_TRIANGLES);
+        choice.set(1, usize::from(leaf > node || triangles > WIDE_LEAF_TRIANGLES));
         costs[1] = leaf.min(node);
         for count in 2..width {
             if costs[count - 1] <= costs[count] {
-                (choice[count], costs[count]) = (0, costs[count - 1]);
+                choice.set(count, 0);
+                costs[count] = costs[count - 1];
             }
         }
         (Self { costs, triangles: triangles.min(WIDE_LEAF_TRIANGLES + 1) }, choice)
@@ -232,10 +252,11 @@ impl Weights {
 
 /// The cuts of every inner node of the tree that make the cheapest wide tree of it. (Ylitie, Karras and
 /// Laine 2017, section 3.1)
-fn choices(tree: &Bvh2, width: usize) -> Vec<Choice> {
+fn choices(tree: &Bvh2, width: usize) -> Vec<AtomicU32> {
+    let choices: Vec<_> = (0..tree.nodes.len()).map(|_| AtomicU32::new(0)).collect();
     let inner = |node: u32| !tree.nodes[node as usize].is_leaf();
     let children = |node: u32| [0, 1].map(|side| tree.nodes[node as usize].first_index + side);
-    let weigh = |node: u32, stack: &mut Vec<Weights>, choices: &mut Vec<(u32, Choice)>| {
+    let weigh = |node: u32, stack: &mut Vec<Weights>| {
         let aabb = &tree.nodes[node as usize].aabb;
         if !inner(node) {
             stack.push(Weights::of_triangle(aabb));
@@ -244,7 +265,7 @@ fn choices(tree: &Bvh2, width: usize) -> Vec<Choice> {
         let (left, right) = (stack.pop().expect("the left child is weighed"), stack.pop().expect("and the right one"));
         let (weights, choice) = Weights::of_node(aabb, &left, &right, width);
         stack.push(weights);
-        choices.push((node, choice));
+        choices[node as usize].store(choice.0, Relaxed);
     };
     // A node, its left subtree, its right subtree.
     let in_order = |root: u32, ends: &dyn Fn(u32) -> bool| {
@@ -266,29 +287,24 @@ fn choices(tree: &Bvh2, width: usize) -> Vec<Choice> {
         let open = |root: u32| if inner(root) { children(root).to_vec() } else { vec![root] };
         roots = roots.into_iter().flat_map(open).collect();
     }
-    let weighed: Vec<_> = roots
+    let parts: HashMap<u32, Weights> = roots
         .par_iter()
         .map(|&root| {
-            let (mut stack, mut choices) = (Vec::new(), Vec::new());
+            let mut stack = Vec::new();
             for node in in_order(root, &|node| !inner(node)).into_iter().rev() {
-                weigh(node, &mut stack, &mut choices);
+                weigh(node, &mut stack);
             }
-            (stack[0], choices)
+            (root, stack[0])
         })
         .collect();
-    let parts: HashMap<u32, Weights> = roots.iter().copied().zip(weighed.iter().map(|(weights, _)| *weights)).collect();
-    let (mut stack, mut found) = (Vec::new(), Vec::new());
+    let mut stack = Vec::new();
     for node in in_order(0, &|node| !top.contains(&node)).into_iter().rev() {
         match parts.get(&node) {
             Some(weights) => stack.push(*weights),
-            None => weigh(node, &mut stack, &mut found),
+            None => weigh(node, &mut stack),
         }
     }
-    let mut all = vec![[0; WIDEST + 1]; tree.nodes.len()];
-    for (node, choice) in weighed.iter().flat_map(|(_, choices)| choices).chain(&found) {
-        all[*node as usize] = *choice;
-    }
-    all
+    choices
 }
 
 /// Gives each inner child an octant of the node that it lies in, as far as others leave it free, the
