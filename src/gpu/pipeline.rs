@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ash::vk;
-use rayon::prelude::*;
 
 use super::device::Shared;
 use super::error::{Action, GpuError};
@@ -52,22 +51,12 @@ impl Pipelines {
             pipelines.push_constant_size = pipelines.push_constant_size.max(kernel.push_constant_size);
         }
         pipelines.make_layout()?;
-        // Side by side: drivers that compile here take a tenth of a second a kernel and more.
-        let build = |(name, kernel): (&'static str, Specialized)| {
+        for (name, kernel) in kernels {
             let start = Instant::now();
-            let pipeline = pipelines.build(name, &kernel.words, specialization);
-            pipeline.map(|pipeline| (name, Built { pipeline, bindings: kernel.bindings, time: start.elapsed() }))
-        };
-        let built: Vec<_> = kernels.into_par_iter().map(build).collect();
-        // What was built is dropped with the others where one is not.
-        let mut failed = None;
-        for kernel in built {
-            match kernel {
-                Ok((name, built)) => drop(pipelines.kernels.insert(name, built)),
-                Err(error) => failed = failed.or(Some(error)),
-            }
+            let pipeline = pipelines.build(name, &kernel.words, specialization)?;
+            pipelines.kernels.insert(name, Built { pipeline, bindings: kernel.bindings, time: start.elapsed() });
         }
-        failed.map_or(Ok(pipelines), Err)
+        Ok(pipelines)
     }
 
     /// The pipeline of a kernel and what it binds.
@@ -88,7 +77,7 @@ impl Pipelines {
         }
     }
 
-    /// Time that each kernel took to build, beside the others.
+    /// Time that each kernel took to build.
     pub fn build_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.kernels.iter().map(|(name, built)| (*name, built.time))
     }
