@@ -1,6 +1,13 @@
 //! Alias tables: a pick from a discrete distribution in constant time. (Walker 1974; Vose 1991)
 
-use crate::layout::AliasCell;
+/// Cell of an alias table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AliasCell {
+    /// Probability that the cell stands for itself, [0, 1].
+    pub threshold: f32,
+    /// The cell that it stands for otherwise.
+    pub alias: u32,
+}
 
 /// Builds the table for weights, each at least 0 and finite, with a sum above 0.
 ///

@@ -137,14 +137,16 @@ pub struct EnvironmentTexel {
     pub probability: f32,
 }
 
-/// Cell of an alias table. 8 bytes, 1 texel.
+/// Four quarters of a block of the lat-long environment, as light sampling chooses between them. 16 bytes, 1 texel.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-pub struct AliasCell {
-    /// Probability that the cell stands for itself, [0, 1].
-    pub threshold: f32,
-    /// The cell that it stands for otherwise.
-    pub alias: u32,
+pub struct EnvironmentSplit {
+    /// Probability of the upper half, [0, 1].
+    pub upper: f32,
+    /// Of the left quarter of the upper half, and of the lower one.
+    pub left: [f32; 2],
+    /// Not used.
+    pub unused: u32,
 }
 
 /// Counts and arguments that stay on the device between kernels. 176 bytes.

@@ -13,7 +13,7 @@ use common::probe::{Bench, Uniform, any_scene, lanes, scene_of};
 use glam::{DVec3, Vec2, Vec3};
 use raywave::constants::{MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS, TRIANGLE_TEXELS};
 use raywave::layout::{
-    AliasCell, Batch, Bins, Control, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals, RayCount,
+    EnvironmentSplit, Batch, Bins, Control, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals, RayCount,
     Triangle, WorkCount,
 };
 use raywave::scene::{Environment, EnvironmentMap};
@@ -105,7 +105,7 @@ fn records() -> BTreeMap<&'static str, (usize, usize)> {
         ("Light", (size_of::<Light>(), 16)),
         ("Normals", (size_of::<Normals>(), 16)),
         ("EnvironmentTexel", (size_of::<EnvironmentTexel>(), 16)),
-        ("AliasCell", (size_of::<AliasCell>(), 8)),
+        ("EnvironmentSplit", (size_of::<EnvironmentSplit>(), 16)),
     ])
 }
 
@@ -135,7 +135,7 @@ fn arrays_step_by_the_size_of_their_elements() {
                 ("Control", "traced_samples") => 8,
                 ("RayQueue" | "SortedRays" | "Control" | "RayCount" | "WorkCount" | "Bins", _) => 4,
                 ("WorkCounts", _) => size_of::<WorkCount>() as u32,
-                ("Buffer_texture_coordinates" | "Buffer_textures" | "Buffer_environment_aliases", _) => 8,
+                ("Buffer_texture_coordinates" | "Buffer_textures", _) => 8,
                 _ => 16,
             };
             assert_eq!(member.array_stride, expected, "{}.{}", layout.name, member.name);
@@ -290,7 +290,7 @@ fn lamps_are_read_as_they_are_written() {
     bench.scene.lights = vec![lamp(1, 0.25, 1), lamp(3, 0.5, 2), lamp(2, 0.75, 0), lamp(0, 0.125, 1)];
     let lamps = &bench.scene.lights;
     let numbers: Vec<[f32; 4]> =
-        (0..8).map(|i| [(i / 2) as f32 / 4.0 + 0.1, lamps[i / 2].threshold + [-1e-3, 1e-3][i % 2], 0.5, 0.5]).collect();
+        (0..8).map(|i| [0.25 * ((i / 2) as f32 + lamps[i / 2].threshold + [-1e-3, 1e-3][i % 2]), 0.5, 0.5, 0.5]).collect();
     let expected: Vec<u32> = (0..8)
         .map(|i| if i % 2 == 0 { lamps[i / 2].triangle } else { lamps[lamps[i / 2].alias as usize].triangle })
         .collect();
@@ -302,26 +302,29 @@ fn lamps_are_read_as_they_are_written() {
 }
 
 #[test]
-fn the_sky_s_probabilities_and_aliases_are_read_as_they_are_written() {
+fn the_sky_s_probabilities_and_splits_are_read_as_they_are_written() {
     let mut scene = any_scene();
     scene.environment = three_texels();
     let mut bench = Bench::new(&common::device(), &scene);
     let probabilities = [0.5, 0.25, 0.125];
     bench.scene.environment =
         probabilities.map(|probability| EnvironmentTexel { radiance: [1.0; 3], probability }).to_vec();
-    bench.scene.environment_aliases =
-        [(0.25, 1), (0.5, 2), (0.75, 0)].map(|(threshold, alias)| AliasCell { threshold, alias }).to_vec();
-    let cells = &bench.scene.environment_aliases;
+    // The whole in quarters of two by two texels, then the left and the right one of those that are there.
+    bench.scene.environment_splits = [(1.0, [0.75, 0.5]), (1.0, [0.25, 0.5]), (0.0, [0.5, 1.0])]
+        .map(|(upper, left)| EnvironmentSplit { upper, left, unused: 0 })
+        .to_vec();
+    // Of the left 3/4 a quarter is the first texel's.
+    let splits = [0.0, 0.25 * 0.75, 0.75, 1.0];
     let numbers: Vec<[f32; 4]> =
-        (0..6).map(|i| [(i / 2) as f32 / 3.0 + 0.1, cells[i / 2].threshold + [-1e-3, 1e-3][i % 2], 0.5, 0.5]).collect();
-    let expected: Vec<usize> = (0..6).map(|i| if i % 2 == 0 { i / 2 } else { cells[i / 2].alias as usize }).collect();
+        (0..6).map(|i| [splits[i / 2 + i % 2] + [1e-3, -1e-3][i % 2], 0.9, 0.5, 0.5]).collect();
     for access in ACCESSES {
         bench.access = Some(access);
-        for ((radiance, direction, lamp), texel) in lights_of(&bench, &numbers).into_iter().zip(&expected) {
+        for (i, (radiance, direction, lamp)) in lights_of(&bench, &numbers).into_iter().enumerate() {
             // From the left: the columns look along -z turned by -120, 0 and 120 degrees.
+            let texel = i / 2;
             let turn = (direction[0]).atan2(-direction[2]) / TAU * 3.0 + 1.0;
-            assert!((turn - *texel as f32).abs() < 1e-3, "{direction:?} is not in {texel}");
-            let expected = 4.0 / 3.0 * PI / probabilities[*texel];
+            assert!((turn - texel as f32).abs() < 1e-3, "{direction:?} is not in {texel}");
+            let expected = 4.0 / 3.0 * PI / probabilities[texel];
             assert!((radiance[0] / expected - 1.0).abs() < 1e-3, "{radiance:?} is not {expected}");
             assert_eq!(lamp, NO_TRIANGLE);
         }

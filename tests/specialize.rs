@@ -101,14 +101,14 @@ fn what_a_scene_does_not_need_is_not_bound() {
     assert_eq!(bound(&scene, &Settings { max_bounces: Some(0), ..bounce }), expected);
 
     let any = Settings { specialize: false, ..explicit };
-    let data = ["normals", "texture_coordinates", "textures", "environment", "environment_aliases"];
+    let data = ["normals", "texture_coordinates", "textures", "environment", "environment_splits"];
     assert_eq!(bound(&scene, &any), of(&[&always, &["throughputs", "stack_blocks"], &lights, &data]));
 
     let sky = own_scene("textured-sky");
     let prepared = PreparedScene::new(&sky).expect("the scene fits");
     assert!(prepared.features.textures && !prepared.features.lights, "what the scene is for");
     let names = bound(&sky, &Settings { integrator: Integrator::Explicit, ..small(&sky) });
-    assert!(names.is_superset(&of(&[&["textures", "texture_coordinates", "environment", "environment_aliases"]])));
+    assert!(names.is_superset(&of(&[&["textures", "texture_coordinates", "environment", "environment_splits"]])));
     assert!(!names.contains("lights"));
 }
 

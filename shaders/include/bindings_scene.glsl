@@ -1,6 +1,6 @@
 // Set 0: what does not change during a render. Read-only for every kernel.
 //
-// Each scene buffer is an array of 16-byte (textures, environment_aliases: 8-byte) words of bits.
+// Each scene buffer is an array of 16-byte (textures, texture_coordinates: 8-byte) words of bits.
 // With TEXEL_FETCH it is bound as a uniform texel buffer, which software devices read faster;
 // without it as a storage buffer, which may be larger on devices with few texels.
 #ifndef BINDINGS_SCENE_GLSL
@@ -49,6 +49,6 @@ SCENE_BUFFER(5, normals, uvec4, xyzw)              // three octahedral normals, 
 SCENE_BUFFER(6, texture_coordinates, uvec2, xy)    // three a triangle
 SCENE_BUFFER(7, textures, uvec2, xy)               // size, then linear RGB as halves, per image
 SCENE_BUFFER(8, environment, uvec4, xyzw)          // radiance, probability of the texel
-SCENE_BUFFER(9, environment_aliases, uvec2, xy)    // alias threshold, alias
+SCENE_BUFFER(9, environment_splits, uvec4, xyzw)   // probability of a block's upper half; of the left in each half; unused
 
 #endif

@@ -2,6 +2,7 @@
 #ifndef LIGHT_GLSL
 #define LIGHT_GLSL
 #include "bsdf.glsl"
+#include "random.glsl"
 
 const bool HAS_ENVIRONMENT = ENVIRONMENT != ENVIRONMENT_BLACK;
 
@@ -51,8 +52,21 @@ vec3 environment_radiance(vec3 direction) {
     return frame.environment_radiance;
 }
 
-// One of `count` equal cells, its own pick or its alias. (Walker 1974)
-uint pick_cell(float u, uint count) { return min(uint(u * float(count)), count - 1u); }
+// Whether a number in [0, 1) falls above the split. What is left of it is uniform again.
+bool falls_above(inout float u, float split) {
+    bool above = u >= split;
+    u = min(above ? (u - split) / (1.0 - split) : u / split, ONE_BELOW);
+    return above;
+}
+
+// Which of `count` equal cells a number falls in. What is left of it is uniform again, with `digits` for
+// those that went into the choice.
+uint pick_cell(inout float u, uint count, float digits) {
+    float at = u * float(count);
+    uint cell = min(uint(at), count - 1u);
+    u = min(at - float(cell) + digits * (float(count) * RANDOM_STEP), ONE_BELOW);
+    return cell;
+}
 
 // Solid angle of a texel in a row. The cosines of its edges differ by `cos_range`: as a product of
 // sines that keeps its precision at the poles.
@@ -76,16 +90,32 @@ float constant_density(Surface surface, vec3 wo, vec3 direction) {
     return max(0.0, dot(surface.shading_normal * side_of(surface, wo), direction)) * INVERSE_PI;
 }
 
+// A texel by its probability: a half of the image by u.y, of that a half by u.x, and so on. Points
+// that fill the square evenly then fill the image so, as a table of aliases would not let them.
+// (Clarberg et al. 2005, hierarchical sample warping)
+uvec2 pick_texel(vec2 u) {
+    uvec2 size = uvec2(frame.environment_width, frame.environment_height);
+    uint longest = max(size.x, size.y) - 1u;
+    uvec2 texel = uvec2(0u);
+    uint first = 0u;
+    for (int level = findMSB(longest) + 1; level > 0; --level) {
+        uvec2 blocks = (size - 1u >> level) + 1u;
+        vec3 split = uintBitsToFloat(fetch_environment_splits(first + texel.y * blocks.x + texel.x).xyz);
+        bool below = falls_above(u.y, split.x);
+        bool right = falls_above(u.x, below ? split.z : split.y);
+        texel = 2u * texel + uvec2(right, below);
+        first += blocks.x * blocks.y;
+    }
+    return texel;
+}
+
 // A texel by its probability, then a direction uniform in its solid angle. The density is
 // exact for the texel, and the bilinear radiance is zero wherever the density is.
 LightSample sample_lat_long(Surface surface, vec4 u) {
-    uint count = frame.environment_width * frame.environment_height;
-    uint cell = pick_cell(u.x, count);
-    uvec2 alias = fetch_environment_aliases(cell);
-    cell = u.y < uintBitsToFloat(alias.x) ? cell : alias.y;
-    float probability = uintBitsToFloat(fetch_environment(cell).w);
+    uvec2 texel = pick_texel(u.xy);
+    float probability = uintBitsToFloat(fetch_environment(texel.y * frame.environment_width + texel.x).w);
     vec2 size = vec2(frame.environment_width, frame.environment_height);
-    vec2 corner = vec2(cell % frame.environment_width, cell / frame.environment_width);
+    vec2 corner = vec2(texel);
     float turns = (corner.x + u.z) / size.x - 0.5;
     // Uniform in the cosine between the texel's edges.
     float top = PI * corner.y / size.y;
@@ -110,17 +140,18 @@ LightSample sample_constant(Surface surface, vec3 wo, vec2 u) {
 // Density over solid angle of samples of lamps towards a point of one.
 float lamp_density(float light_area, float distance2, float cos_light) { return distance2 / (cos_light * light_area); }
 
-// A lamp by its probability, then a point uniform over its area.
-LightSample sample_triangles(Surface surface, vec4 u) {
-    uvec4 light = fetch_lights(pick_cell(u.x, frame.light_count));
+// A lamp by its probability, as a cell of a table or as its alias (Walker 1974), then a point uniform over its
+// area. One pair of numbers does both, so that points that fill their square evenly do so on each lamp.
+LightSample sample_triangles(Surface surface, vec3 u) {
+    uvec4 light = fetch_lights(pick_cell(u.x, frame.light_count, u.z));
     uint triangle = light.x;
-    if (u.y >= uintBitsToFloat(light.y)) {
+    if (falls_above(u.x, uintBitsToFloat(light.y))) {
         triangle = fetch_lights(light.z).x;
     }
     Triangle t = fetch_triangle(triangle);
     vec3 normal = geometric_normal(t);
     vec3 error;
-    vec3 point = interpolate_position(t, sample_triangle(u.zw), error);
+    vec3 point = interpolate_position(t, sample_triangle(u.xy), error);
     vec3 direction = normalize(point - surface.position);
     Ray ray = leave(surface, direction);
     ray.direction = offset_from_plane(point, error, normal) - ray.origin;
@@ -147,9 +178,7 @@ float choice_of(bool far) {
 LightSample sample_light(Surface surface, vec3 wo, vec4 u) {
     bool far = HAS_ENVIRONMENT;
     if (HAS_ENVIRONMENT && HAS_LIGHTS) {
-        // What is left of the number after the choice is uniform again.
-        far = u.x < frame.sky_probability;
-        u.x = (far ? u.x : u.x - frame.sky_probability) / choice_of(far);
+        far = !falls_above(u.x, frame.sky_probability);
     }
     LightSample light;
     if (HAS_ENVIRONMENT && (!HAS_LIGHTS || far)) {
@@ -159,7 +188,7 @@ LightSample sample_light(Surface surface, vec3 wo, vec4 u) {
             light = sample_constant(surface, wo, u.zw);
         }
     } else {
-        light = sample_triangles(surface, u);
+        light = sample_triangles(surface, u.xyz);
     }
     light.radiance /= choice_of(far);
     light.density *= choice_of(far);

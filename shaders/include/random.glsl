@@ -3,6 +3,10 @@
 #define RANDOM_GLSL
 #include "specialization.glsl"
 
+// What random numbers are multiples of: 2^-24.
+const float RANDOM_STEP = 5.9604644775390625e-8;
+const float ONE_BELOW = 1.0 - RANDOM_STEP;
+
 // Blocks of four dimensions that a path draws.
 const uint CAMERA_BLOCK = 0u;
 uint light_block(uint bounce) { return 1u + 2u * bounce; }
@@ -63,7 +67,7 @@ uvec4 sobol4(uint pixel, uint sample_index, uint block, uint seed) {
     return uvec4(sobol_pair(reversed_index, a.x, a.y, a.z), sobol_pair(reversed_index, b.x, b.y, b.z));
 }
 
-// Four uniform numbers in [0, 1), multiples of 2^-24. Of a Sobol sequence the first two and the last
+// Four uniform numbers in [0, 1), multiples of RANDOM_STEP. Of a Sobol sequence the first two and the last
 // two fill their square evenly over the samples of a pixel.
 vec4 random4(uint pixel, uint sample_index, uint block, uint seed) {
     uvec4 bits;
@@ -72,7 +76,7 @@ vec4 random4(uint pixel, uint sample_index, uint block, uint seed) {
     } else {
         bits = pcg4d(uvec4(pixel, sample_index, block, seed));
     }
-    return vec4(bits >> 8u) * 5.9604644775390625e-8;
+    return vec4(bits >> 8u) * RANDOM_STEP;
 }
 
 #endif

@@ -269,10 +269,17 @@ impl<'a> Reference<'a> {
         })
     }
 
-    /// A point uniform over a lamp picked by power, mostly, unless it turns its back.
-    fn sample_lamps(&self, from: &Vertex<'_>, [pick, own, u, v]: [f64; 4]) -> Option<LampSample> {
-        let cell = self.lamps.get((pick * self.lamps.len() as f64) as usize)?;
-        let index = if own < cell.threshold { cell.facet } else { cell.alias };
+    /// A point uniform over a lamp picked by power, mostly, unless it turns its back. The pick leaves a number of its
+    /// own for the point, but for the last of its 24 bits.
+    fn sample_lamps(&self, from: &Vertex<'_>, [pick, v, digits, _]: [f64; 4]) -> Option<LampSample> {
+        let place = pick * self.lamps.len() as f64;
+        let cell = self.lamps.get(place as usize)?;
+        let left = (place.fract() + digits * self.lamps.len() as f64 * 2.0_f64.powi(-24)).min(1.0);
+        let (index, u) = if left < cell.threshold {
+            (cell.facet, left / cell.threshold)
+        } else {
+            (cell.alias, (left - cell.threshold) / (1.0 - cell.threshold))
+        };
         let Facet { corner, edges: [second, third], normal, material } = self.facets[index];
         let s = u.sqrt();
         let point = corner + s * (1.0 - v) * second + s * v * third;

@@ -8,10 +8,10 @@ use thiserror::Error;
 
 use super::plan::Plan;
 use super::settings::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
-use crate::alias::alias_table;
+use crate::alias::{AliasCell, alias_table};
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
-use crate::layout::{AliasCell, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
+use crate::layout::{EnvironmentSplit, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
 use crate::scene::{self, Environment, EnvironmentMap, Integrator, Sampler, Scene, Surface};
 
 /// A scene that the kernels cannot hold.
@@ -52,8 +52,8 @@ pub struct PreparedScene {
     pub textures: Vec<[u32; 2]>,
     /// Texels of a lat-long environment.
     pub environment: Vec<EnvironmentTexel>,
-    /// Alias table of the texels.
-    pub environment_aliases: Vec<AliasCell>,
+    /// How light sampling finds a texel, from the whole image down.
+    pub environment_splits: Vec<EnvironmentSplit>,
     /// What the scene needs of the kernels.
     pub features: Features,
     /// How its positions came from the world's.
@@ -290,7 +290,7 @@ impl PreparedScene {
             texture_coordinates: if features.textures { pack_coordinates(mesh) } else { Vec::new() },
             textures,
             environment: sky.texels,
-            environment_aliases: sky.aliases,
+            environment_splits: sky.splits,
             features,
             normalisation,
             radiance_scale,
@@ -676,8 +676,8 @@ struct Sky {
     /// Texels of a lat-long image with the probability of each: in proportion to the brightness of the
     /// bilinear image over the texel, times its solid angle.
     texels: Vec<EnvironmentTexel>,
-    /// Alias table of the texels.
-    aliases: Vec<AliasCell>,
+    /// See [`splits`].
+    splits: Vec<EnvironmentSplit>,
     /// Brightness over all directions.
     power: f64,
 }
@@ -712,8 +712,33 @@ impl Sky {
                 probability: (weight / total) as f32,
             })
             .collect();
-        Ok(Self { texels, aliases: alias_table(&weights), power: 2.0 * PI / width as f64 * total })
+        Ok(Self { texels, splits: splits(&weights, width), power: 2.0 * PI / width as f64 * total })
     }
+}
+
+/// How an image with such weights of its texels, in rows of `width`, is halved to find a texel by its weight: level by
+/// level, the block that holds it all first, then blocks of half the side, in rows, those that hold texels. A block of
+/// the last level is two by two texels.
+fn splits(weights: &[f64], width: usize) -> Vec<EnvironmentSplit> {
+    let share = |part: f64, whole: f64| if whole > 0.0 { (part / whole) as f32 } else { 0.5 };
+    let mut levels = Vec::new();
+    let (mut sums, mut size) = (weights.to_vec(), [width, weights.len() / width]);
+    while size != [1, 1] {
+        let sum = |x: usize, y: usize| if x < size[0] && y < size[1] { sums[y * size[0] + x] } else { 0.0 };
+        let blocks = size.map(|side| side.div_ceil(2));
+        let corners = (0..blocks[1]).flat_map(|y| (0..blocks[0]).map(move |x| [2 * x, 2 * y]));
+        let (level, halved): (Vec<_>, Vec<_>) = corners
+            .map(|[x, y]| {
+                let [upper, lower] = [y, y + 1].map(|y| [sum(x, y), sum(x + 1, y)]);
+                let [up, down] = [upper, lower].map(|[left, right]| left + right);
+                let left = [share(upper[0], up), share(lower[0], down)];
+                (EnvironmentSplit { upper: share(up, up + down), left, unused: 0 }, up + down)
+            })
+            .unzip();
+        levels.push(level);
+        (sums, size) = (halved, blocks);
+    }
+    levels.into_iter().rev().flatten().collect()
 }
 
 /// Data of a scene for a buffer of its name on the device.
@@ -746,7 +771,7 @@ impl PreparedScene {
             buffer("texture_coordinates", 8, bytemuck::cast_slice(&self.texture_coordinates), 3 * 8 * triangles),
             buffer("textures", 8, bytemuck::cast_slice(&self.textures), 8),
             buffer("environment", 16, bytemuck::cast_slice(&self.environment), 16),
-            buffer("environment_aliases", 8, bytemuck::cast_slice(&self.environment_aliases), 8),
+            buffer("environment_splits", 16, bytemuck::cast_slice(&self.environment_splits), 16),
         ]
     }
 }
