@@ -3,6 +3,7 @@
 #ifndef BSDF_GLSL
 #define BSDF_GLSL
 #include "geometry.glsl"
+#include "random.glsl"
 #include "sampling.glsl"
 
 struct Material {
@@ -99,10 +100,10 @@ vec3 evaluate_glossy(Material m, Surface surface, vec3 wo, vec3 wi, out float pd
 }
 
 // Picks a lobe by its weight, then a direction by the lobe.
-Scatter scatter_glossy(Material m, Surface surface, vec3 wo, float choice, vec2 u) {
+Scatter scatter_glossy(Material m, Surface surface, vec3 wo, vec2 u) {
     vec3 n = surface.shading_normal * side_of(surface, wo);
     float probability = HAS_PHONG ? lobe_probability(m) : 0.0;
-    bool lobe = HAS_PHONG && choice < probability;
+    bool lobe = HAS_PHONG && !falls_above(u.x, probability);
     // One direction for both: a device that runs both sides of an `if` turns the axis once.
     float cos_theta = cosine_of(u.x);
     float sin_theta = sine_of(cos_theta);

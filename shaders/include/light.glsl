@@ -52,22 +52,6 @@ vec3 environment_radiance(vec3 direction) {
     return frame.environment_radiance;
 }
 
-// Whether a number in [0, 1) falls above the split. What is left of it is uniform again.
-bool falls_above(inout float u, float split) {
-    bool above = u >= split;
-    u = min(above ? (u - split) / (1.0 - split) : u / split, ONE_BELOW);
-    return above;
-}
-
-// Which of `count` equal cells a number falls in. What is left of it is uniform again, with `digits` for
-// those that went into the choice.
-uint pick_cell(inout float u, uint count, float digits) {
-    float at = u * float(count);
-    uint cell = min(uint(at), count - 1u);
-    u = min(at - float(cell) + digits * (float(count) * RANDOM_STEP), ONE_BELOW);
-    return cell;
-}
-
 // Solid angle of a texel in a row. The cosines of its edges differ by `cos_range`: as a product of
 // sines that keeps its precision at the poles.
 float texel_solid_angle(float top, out float cos_range) {

@@ -90,7 +90,7 @@ Scatter scatter_at(Surface surface, Material material, bool specular, vec3 wo, v
     if (HAS_SPECULAR && (!HAS_GLOSSY || specular)) {
         scatter = scatter_specular(material, surface, wo, u.y);
     } else {
-        scatter = scatter_glossy(material, surface, wo, u.y, u.zw);
+        scatter = scatter_glossy(material, surface, wo, u.zw);
     }
     if (SHADING_COST > 0u) {
         scatter.weight *= spend(u.y);

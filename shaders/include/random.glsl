@@ -79,4 +79,20 @@ vec4 random4(uint pixel, uint sample_index, uint block, uint seed) {
     return vec4(bits >> 8u) * RANDOM_STEP;
 }
 
+// Whether a number in [0, 1) falls above the split. What is left of it is uniform again.
+bool falls_above(inout float u, float split) {
+    bool above = u >= split;
+    u = min(above ? (u - split) / (1.0 - split) : u / split, ONE_BELOW);
+    return above;
+}
+
+// Which of `count` equal cells a number falls in. What is left of it is uniform again, with `digits` for
+// those that went into the choice.
+uint pick_cell(inout float u, uint count, float digits) {
+    float at = u * float(count);
+    uint cell = min(uint(at), count - 1u);
+    u = min(at - float(cell) + digits * (float(count) * RANDOM_STEP), ONE_BELOW);
+    return cell;
+}
+
 #endif

@@ -326,7 +326,10 @@ fn scatter(vertex: &Vertex<'_>, choice: f64, u: DVec2) -> (DVec3, DVec3) {
     let mirrored = optics::mirrored(normal, wo);
     match material.surface {
         Surface::Glossy => {
-            let by_lobe = choice < optics::phong_share(material);
+            // What the choice leaves of the number is for the direction.
+            let share = optics::phong_share(material);
+            let by_lobe = u.x < share;
+            let u = DVec2::new(if by_lobe { u.x / share } else { (u.x - share) / (1.0 - share) }, u.y);
             let (axis, exponent) = if by_lobe { (mirrored, f64::from(material.ns)) } else { (normal, 1.0) };
             let wi = cosine_power(axis, exponent, u);
             let weight = optics::glossy(material, normal, wo, wi) / optics::scatter_density(material, normal, wo, wi);

@@ -15,7 +15,7 @@ Answer probe(SurfaceQuery query) {
     Material material = fetch_material(surface.material, surface.uv);
     float pdf;
     vec3 value = evaluate_glossy(material, surface, query.wo.xyz, query.wi.xyz, pdf);
-    Scatter scatter = scatter_glossy(material, surface, query.wo.xyz, query.u.x, query.u.zw);
+    Scatter scatter = scatter_glossy(material, surface, query.wo.xyz, query.u.zw);
     return Answer(vec4(value, pdf), vec4(scatter.direction, 0.0), vec4(scatter.weight, 0.0));
 }
 
