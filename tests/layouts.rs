@@ -13,8 +13,8 @@ use common::probe::{Bench, Uniform, any_scene, lanes, scene_of};
 use glam::{DVec3, Vec2, Vec3};
 use raywave::constants::{MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS, TRIANGLE_TEXELS};
 use raywave::layout::{
-    EnvironmentSplit, Batch, Bins, Control, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals, RayCount,
-    Triangle, WorkCount,
+    Batch, Bins, Control, EnvironmentSplit, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals,
+    RayCount, Triangle, WorkCount,
 };
 use raywave::scene::{Environment, EnvironmentMap};
 use raywave::shaders::{Access, STRUCTS, StructLayout};
@@ -289,8 +289,9 @@ fn lamps_are_read_as_they_are_written() {
     let lamp = |triangle, threshold, alias| Light { triangle, threshold, alias, unused: 0 };
     bench.scene.lights = vec![lamp(1, 0.25, 1), lamp(3, 0.5, 2), lamp(2, 0.75, 0), lamp(0, 0.125, 1)];
     let lamps = &bench.scene.lights;
-    let numbers: Vec<[f32; 4]> =
-        (0..8).map(|i| [0.25 * ((i / 2) as f32 + lamps[i / 2].threshold + [-1e-3, 1e-3][i % 2]), 0.5, 0.5, 0.5]).collect();
+    let numbers: Vec<[f32; 4]> = (0..8)
+        .map(|i| [0.25 * ((i / 2) as f32 + lamps[i / 2].threshold + [-1e-3, 1e-3][i % 2]), 0.5, 0.5, 0.5])
+        .collect();
     let expected: Vec<u32> = (0..8)
         .map(|i| if i % 2 == 0 { lamps[i / 2].triangle } else { lamps[lamps[i / 2].alias as usize].triangle })
         .collect();

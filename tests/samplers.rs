@@ -90,11 +90,45 @@ fn sampling_by(device: &Device, sampler: Sampler) -> Bench {
     bench
 }
 
+/// Names which part of a key runs.
+type Stream = (&'static str, fn(u32) -> [u32; 4]);
+
+/// Keys of a stream.
+const KEYS: u32 = 1 << 16;
+
+/// Are the numbers of each stream even, and unrelated to each other and to those of keys some steps away?
+fn unrelated(family: &mut Family, run: impl Fn(&[[u32; 4]]) -> Vec<[f32; 4]>, streams: &[Stream], steps: &[[u32; 4]]) {
+    let even = vec![f64::from(KEYS) / 1024.0; 1024];
+    for (name, key) in streams {
+        let keys: Vec<_> = (0..KEYS).map(key).collect();
+        let numbers = run(&keys);
+        for d in 0..4 {
+            let alone = square_counts(numbers.iter().map(|u| DVec2::new(u[d].into(), 0.0)), 1024, 1);
+            family.counts(&alone, &even, format!("dimension {d} over {name}"));
+            for e in 0..d {
+                let counts = pair_counts(&numbers, d, &numbers, e);
+                family.counts(&counts, &even, format!("dimensions {d} and {e} over {name}"));
+            }
+        }
+        for step in steps {
+            let next: Vec<_> = keys.iter().map(|key| std::array::from_fn(|i| key[i] + step[i])).collect();
+            let next = run(&next);
+            for d in 0..4 {
+                let counts = pair_counts(&numbers, d, &next, d);
+                family.counts(&counts, &even, format!("dimension {d} and its neighbour at {step:?} over {name}"));
+            }
+        }
+    }
+}
+
+/// Counts of a dimension of some numbers beside one of others, in 32 x 32 cells.
+fn pair_counts(a: &[[f32; 4]], d: usize, b: &[[f32; 4]], e: usize) -> Vec<f64> {
+    square_counts(a.iter().zip(b).map(|(a, b)| DVec2::new(a[d].into(), b[e].into())), 32, 32)
+}
+
 #[test]
 fn random_numbers_are_uniform_and_independent_of_their_neighbours() {
-    const N: u32 = 1 << 16;
-    let device = common::device();
-    let bench = sampling_by(&device, Sampler::Independent);
+    let bench = sampling_by(&common::device(), Sampler::Independent);
     let run = |keys: &[[u32; 4]]| {
         let numbers: Vec<[f32; 4]> = bench.run("random", keys);
         for (key, numbers) in keys.iter().zip(&numbers) {
@@ -104,8 +138,7 @@ fn random_numbers_are_uniform_and_independent_of_their_neighbours() {
     };
     let mut family = Family::default();
     // What runs fastest, for a pixel, a sample, a vertex, a seed, and for pixels of a row.
-    type Key = fn(u32) -> [u32; 4];
-    let streams: [(&str, Key); 6] = [
+    let streams: [Stream; 6] = [
         ("pixels", |i| [i, 0, 0, 0]),
         ("samples", |i| [77, i, 2, 0]),
         ("blocks", |i| [77, 5, i, 0]),
@@ -115,30 +148,7 @@ fn random_numbers_are_uniform_and_independent_of_their_neighbours() {
     ];
     // Pixel to the right, pixel below, next sample, next block, same block of the next bounce, next seed.
     let steps = [[1, 0, 0, 0], [512, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 2, 0], [0, 0, 0, 1]];
-    for (name, key) in streams {
-        let keys: Vec<_> = (0..N).map(key).collect();
-        let numbers = run(&keys);
-        let pairs = |a: &dyn Fn(usize) -> f32, b: &dyn Fn(usize) -> f32| {
-            square_counts((0..N as usize).map(|i| DVec2::new(a(i).into(), b(i).into())), 32, 32)
-        };
-        let even = vec![f64::from(N) / 1024.0; 1024];
-        for d in 0..4 {
-            let alone = square_counts(numbers.iter().map(|u| DVec2::new(u[d].into(), 0.0)), 1024, 1);
-            family.counts(&alone, &even, format!("dimension {d} over {name}"));
-            for e in 0..d {
-                let counts = pairs(&|i| numbers[i][d], &|i| numbers[i][e]);
-                family.counts(&counts, &even, format!("dimensions {d} and {e} over {name}"));
-            }
-        }
-        for step in steps {
-            let next: Vec<_> = keys.iter().map(|key| std::array::from_fn(|i| key[i] + step[i])).collect();
-            let next = run(&next);
-            for d in 0..4 {
-                let counts = pairs(&|i| numbers[i][d], &|i| next[i][d]);
-                family.counts(&counts, &even, format!("dimension {d} and its neighbour at {step:?} over {name}"));
-            }
-        }
-    }
+    unrelated(&mut family, run, &streams, &steps);
 }
 
 /// Keys at random, of samples up to the last that a pixel can have.
@@ -222,16 +232,10 @@ fn sobol_pairs_have_a_point_in_every_elementary_interval() {
 /// samples of a pixel the pairs of a vertex, of vertices and of neighbours fill their squares together too.
 #[test]
 fn sobol_sequences_know_nothing_of_each_other() {
-    const N: u32 = 1 << 16;
     let bench = sampling_by(&common::device(), Sampler::Sobol);
     let run = |keys: &[[u32; 4]]| -> Vec<[f32; 4]> { bench.run("random", keys) };
     let mut family = Family::default();
-    let even = vec![f64::from(N) / 1024.0; 1024];
-    let pairs = |a: &dyn Fn(usize) -> f32, b: &dyn Fn(usize) -> f32| {
-        square_counts((0..N as usize).map(|i| DVec2::new(a(i).into(), b(i).into())), 32, 32)
-    };
-    type Key = fn(u32) -> [u32; 4];
-    let streams: [(&str, Key); 5] = [
+    let streams: [Stream; 5] = [
         ("pixels", |i| [i, 0, 0, 0]),
         ("pixels, a later sample", |i| [i, 1_000_003, 4, 2]),
         ("blocks", |i| [77, 5, i, 0]),
@@ -239,38 +243,19 @@ fn sobol_sequences_know_nothing_of_each_other() {
         ("blocks of pixels", |i| [i / 16, 9, i % 16, 1]),
     ];
     let steps = [[1, 0, 0, 0], [512, 0, 0, 0], [0, 0, 1, 0], [0, 0, 2, 0], [0, 0, 0, 1], [1, 1, 0, 0]];
-    for (name, key) in streams {
-        let keys: Vec<_> = (0..N).map(key).collect();
-        let numbers = run(&keys);
-        for d in 0..4 {
-            let alone = square_counts(numbers.iter().map(|u| DVec2::new(u[d].into(), 0.0)), 1024, 1);
-            family.counts(&alone, &even, format!("dimension {d} over {name}"));
-            for e in 0..d {
-                let counts = pairs(&|i| numbers[i][d], &|i| numbers[i][e]);
-                family.counts(&counts, &even, format!("dimensions {d} and {e} over {name}"));
-            }
-        }
-        for step in steps {
-            let next: Vec<_> = keys.iter().map(|key| std::array::from_fn(|i| key[i] + step[i])).collect();
-            let next = run(&next);
-            for d in 0..4 {
-                let counts = pairs(&|i| numbers[i][d], &|i| next[i][d]);
-                family.counts(&counts, &even, format!("dimension {d} and its neighbour at {step:?} over {name}"));
-            }
-        }
-    }
+    unrelated(&mut family, run, &streams, &steps);
     drop(family);
 
     // Within a pixel sequences are shuffled by a hash that is not perfect: their squares are filled a little more
     // or less evenly than by chance. A quarter more is the most that was seen, over hundreds of keys.
     let unevenness = |a: &[[f32; 4]], d: usize, b: &[[f32; 4]], e: usize| {
-        let counts = pairs(&|i| a[i][d], &|i| b[i][e]);
-        counts.iter().zip(&even).map(|(n, even)| (n - even).powi(2) / even).sum::<f64>() / 1023.0
+        let even = f64::from(KEYS) / 1024.0;
+        pair_counts(a, d, b, e).iter().map(|n| (n - even).powi(2) / even).sum::<f64>() / 1023.0
     };
     let mut all = Vec::new();
     for key in [[3, 0, 2, 0], [500, 0, 7, 4], [70_000, 0, 1, 9]] {
         let [own, next, beside] = [[0, 0], [0, 1], [1, 0]].map(|[pixel, block]| {
-            let keys: Vec<_> = (0..N).map(|i| [key[0] + pixel, i, key[2] + block, key[3]]).collect();
+            let keys: Vec<_> = (0..KEYS).map(|i| [key[0] + pixel, i, key[2] + block, key[3]]).collect();
             run(&keys)
         });
         all.extend([(0, 2), (0, 3), (1, 2), (1, 3)].map(|(d, e)| unevenness(&own, d, &own, e)));

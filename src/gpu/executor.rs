@@ -80,6 +80,7 @@ const SLOTS: usize = 2;
 pub struct Executor {
     buffers: HashMap<&'static str, Buffer>,
     pipelines: Pipelines,
+    pipelines_time: Duration,
     descriptor_pool: vk::DescriptorPool,
     sets: Vec<vk::DescriptorSet>,
     command_pool: vk::CommandPool,
@@ -139,12 +140,15 @@ impl Executor {
             if texel_fetch == access.texel_fetch { kernels } else { specialized(Access { texel_fetch, ..access }) };
         let access = Access { texel_fetch, ..access };
 
+        let start = Instant::now();
         let pipelines = Pipelines::new(shared, kernels, description.specialization)?;
+        let made = start.elapsed();
         let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let staging = Buffer::new(shared, "staging", STAGING_BYTES, transfer, MemoryLocation::CpuToGpu)?;
         let mut executor = Self {
             buffers: HashMap::new(),
             pipelines,
+            pipelines_time: made,
             descriptor_pool: vk::DescriptorPool::null(),
             sets: Vec::new(),
             command_pool: vk::CommandPool::null(),
@@ -162,7 +166,9 @@ impl Executor {
             executor.make_buffer(role)?;
         }
         executor.make_sets()?;
+        let start = Instant::now();
         executor.warm_up()?;
+        executor.pipelines_time = made + start.elapsed();
         Ok(executor)
     }
 
@@ -187,8 +193,13 @@ impl Executor {
         self.seconds
     }
 
-    /// Time that the driver took to build each kernel, by name: to make the pipeline and to launch
-    /// it once, which is when some drivers compile it.
+    /// Time until all kernels were built: pipelines are made side by side, then launched once in turn.
+    pub fn pipelines_time(&self) -> Duration {
+        self.pipelines_time
+    }
+
+    /// Time that the driver took to build each kernel, by name: that of a processor to make the pipeline, and
+    /// to launch it once, which is when some drivers compile it.
     pub fn pipeline_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.pipelines.build_times()
     }

@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ash::vk;
+use cpu_time::ThreadTime;
+use rayon::prelude::*;
 
 use super::device::Shared;
 use super::error::{Action, GpuError};
@@ -28,6 +30,7 @@ pub(super) struct Pipelines {
 struct Built {
     pipeline: vk::Pipeline,
     bindings: Vec<Binding>,
+    /// Of the processor, for its making: beside the others it may have waited for locks of the driver.
     time: Duration,
 }
 
@@ -51,12 +54,22 @@ impl Pipelines {
             pipelines.push_constant_size = pipelines.push_constant_size.max(kernel.push_constant_size);
         }
         pipelines.make_layout()?;
-        for (name, kernel) in kernels {
-            let start = Instant::now();
-            let pipeline = pipelines.build(name, &kernel.words, specialization)?;
-            pipelines.kernels.insert(name, Built { pipeline, bindings: kernel.bindings, time: start.elapsed() });
+        // Side by side: drivers that compile here take a tenth of a second a kernel and more.
+        let build = |(name, kernel): (&'static str, Specialized)| {
+            let start = ThreadTime::now();
+            let pipeline = pipelines.build(name, &kernel.words, specialization);
+            pipeline.map(|pipeline| (name, Built { pipeline, bindings: kernel.bindings, time: start.elapsed() }))
+        };
+        let built: Vec<_> = kernels.into_par_iter().map(build).collect();
+        // What was built is dropped with the others where one is not.
+        let mut failed = None;
+        for kernel in built {
+            match kernel {
+                Ok((name, built)) => drop(pipelines.kernels.insert(name, built)),
+                Err(error) => failed = failed.or(Some(error)),
+            }
         }
-        Ok(pipelines)
+        failed.map_or(Ok(pipelines), Err)
     }
 
     /// The pipeline of a kernel and what it binds.
@@ -77,7 +90,7 @@ impl Pipelines {
         }
     }
 
-    /// Time that each kernel took to build.
+    /// Time that each kernel took to build. The making of pipelines counts as the time of a processor.
     pub fn build_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.kernels.iter().map(|(name, built)| (*name, built.time))
     }

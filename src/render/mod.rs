@@ -21,7 +21,7 @@ mod wavefront;
 pub use dump::QueuedRays;
 pub use faults::{Fault, find_faults};
 pub use footprint::{FeatureCost, Footprint, feature_costs};
-pub use plan::{Plan, SampleRange, Tile};
+pub use plan::{Plan, SampleRange, SceneLevels, Tile};
 pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
 pub use replay::{Replay, ReplayOutcome, distances};
 pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};

@@ -18,6 +18,15 @@ pub struct DeviceLimits {
     pub software: bool,
 }
 
+/// Levels of a scene's trees, which kernels take in loops.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SceneLevels {
+    /// Of the BVH; 0 if it is a list.
+    pub bvh: u32,
+    /// Of the halves that a texel of the environment is found by; 0 without an image.
+    pub sky: u32,
+}
+
 /// Sizes of a render.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Plan {
@@ -99,14 +108,13 @@ impl Plan {
     /// Turns of its loops that an invocation may take: lavapipe leaves them after 65 535.
     const LOOP_TURNS: u32 = 65_535;
 
-    /// Computes the sizes for a scene whose BVH has `depth` levels, none if it is a list, and settings that
-    /// make sense.
-    pub fn new(settings: &Settings, scheduler: Scheduler, depth: u32, device: &DeviceLimits) -> Self {
+    /// Computes the sizes for a scene of those levels and settings that make sense.
+    pub fn new(settings: &Settings, scheduler: Scheduler, levels: SceneLevels, device: &DeviceLimits) -> Self {
         let Settings { width, height, .. } = *settings;
         let tile_rows = Self::tile_rows(width, height, device);
         let pixels = u64::from(width) * u64::from(tile_rows);
         let workgroup_size = settings.workgroup_size.unwrap_or(256).min(device.max_workgroup_size);
-        let wanted = settings.in_flight.unwrap_or(match (device.software, scheduler, depth) {
+        let wanted = settings.in_flight.unwrap_or(match (device.software, scheduler, levels.bvh) {
             (true, Scheduler::Megakernel, 0) => Self::SOFTWARE_LISTED_PATHS,
             (true, ..) => Self::SOFTWARE_PATHS,
             (false, ..) => Self::HARDWARE_PATHS,
@@ -116,7 +124,7 @@ impl Plan {
         let useful = pixels * u64::from(settings.samples.min(Self::SAMPLES_AT_ONCE));
         let path_capacity = u64::from(wanted.max(1)).min(by_dispatch).min(by_buffer).min(useful) as u32;
         let paths_per_invocation = settings.paths_per_invocation.unwrap_or(if device.software {
-            (path_capacity / Self::SOFTWARE_INVOCATIONS).clamp(1, Self::safe_paths_per_invocation(settings, depth))
+            (path_capacity / Self::SOFTWARE_INVOCATIONS).clamp(1, Self::safe_paths_per_invocation(settings, levels))
         } else {
             1
         });
@@ -133,10 +141,10 @@ impl Plan {
     }
 
     /// As many paths as stay within the turns of the loops: each vertex has two rays, and a ray was
-    /// seen to take three turns a level at most.
-    fn safe_paths_per_invocation(settings: &Settings, depth: u32) -> u32 {
+    /// seen to take three turns a level at most; and a light sample, which takes one a level of the sky.
+    fn safe_paths_per_invocation(settings: &Settings, levels: SceneLevels) -> u32 {
         let vertices = settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1));
-        let turns = vertices.saturating_mul(2 * 4 * depth.max(1) + settings.shading_cost);
+        let turns = vertices.saturating_mul(2 * 4 * levels.bvh.max(1) + levels.sky + settings.shading_cost);
         (Self::LOOP_TURNS / turns).max(1)
     }
 
@@ -203,6 +211,8 @@ mod tests {
     use crate::scene::{Integrator, Sampler};
     use proptest::prelude::*;
 
+    const LEVELS: SceneLevels = SceneLevels { bvh: 8, sky: 0 };
+
     const DEVICE: DeviceLimits = DeviceLimits {
         max_workgroup_size: 1024,
         max_workgroups: 65_535,
@@ -250,7 +260,7 @@ mod tests {
             width in 1..40_u32, height in 1..40_u32, samples in 1..20_u32, in_flight in 1..3000_u32, rows in 1..50_u32,
         ) {
             let device = DeviceLimits { max_film_bytes: u64::from(64 * width * rows), ..DEVICE };
-            let plan = Plan::new(&settings(width, height, samples, Some(in_flight)), Scheduler::Bounce, 8, &device);
+            let plan = Plan::new(&settings(width, height, samples, Some(in_flight)), Scheduler::Bounce, LEVELS, &device);
             prop_assert!(plan.film_bytes() <= device.max_film_bytes);
             let mut next = vec![0; plan.pixels() as usize];
             for tile in plan.tiles() {
@@ -272,10 +282,10 @@ mod tests {
 
     #[test]
     fn capacity_respects_the_device() {
-        let plan = Plan::new(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), Scheduler::Bounce, 8, &DEVICE);
+        let plan = Plan::new(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), Scheduler::Bounce, LEVELS, &DEVICE);
         assert_eq!(u64::from(plan.path_capacity), (1 << 27) / STATE_BYTES);
         let narrow = DeviceLimits { max_workgroups: 100, ..DEVICE };
-        let plan = Plan::new(&settings(1024, 1024, 1, None), Scheduler::Bounce, 8, &narrow);
+        let plan = Plan::new(&settings(1024, 1024, 1, None), Scheduler::Bounce, LEVELS, &narrow);
         assert_eq!(plan.path_capacity, 100 * 256);
     }
 
@@ -295,30 +305,31 @@ mod tests {
 
     #[test]
     fn few_pixels_do_not_make_long_loops() {
-        let plan = Plan::new(&settings(2, 1, 1 << 20, None), Scheduler::Bounce, 8, &DEVICE);
+        let plan = Plan::new(&settings(2, 1, 1 << 20, None), Scheduler::Bounce, LEVELS, &DEVICE);
         let tile = plan.tiles().next().unwrap();
         assert!(plan.batches(tile, 0..1 << 20).all(|batch| batch.sample_count <= Plan::SAMPLES_AT_ONCE));
     }
 
     #[test]
     fn invocations_follow_as_many_paths_as_their_loops_allow() {
-        let plan = |max_bounces, depth| {
+        let plan = |max_bounces, levels| {
             let settings = Settings { max_bounces, ..settings(1024, 1024, 16, None) };
-            Plan::new(&settings, Scheduler::Megakernel, depth, &DEVICE)
+            Plan::new(&settings, Scheduler::Megakernel, levels, &DEVICE)
         };
-        let paths = |max_bounces| plan(max_bounces, 40).paths_per_invocation;
+        let paths = |max_bounces| plan(max_bounces, SceneLevels { bvh: 40, sky: 0 }).paths_per_invocation;
         assert_eq!([Some(8), Some(50), None].map(paths), [16, 4, 1]);
-        let listed = plan(Some(8), 0);
+        assert_eq!(plan(Some(50), SceneLevels { bvh: 40, sky: 10 }).paths_per_invocation, 3);
+        let listed = plan(Some(8), SceneLevels::default());
         assert_eq!((listed.path_capacity, listed.paths_per_invocation), (1 << 22, 256));
         // A small image has an invocation for each path.
-        let small = Plan::new(&settings(64, 64, 1, None), Scheduler::Megakernel, 0, &DEVICE);
+        let small = Plan::new(&settings(64, 64, 1, None), Scheduler::Megakernel, SceneLevels::default(), &DEVICE);
         assert_eq!(small.paths_per_invocation, 1);
     }
 
     #[test]
     fn only_a_film_over_the_limit_is_cut_into_tiles() {
         let tile_rows = |width, height, device| {
-            Plan::new(&settings(width, height, 1, None), Scheduler::Bounce, 8, device).tile_rows
+            Plan::new(&settings(width, height, 1, None), Scheduler::Bounce, LEVELS, device).tile_rows
         };
         assert_eq!(tile_rows(2048, 1024, &DEVICE), 1024);
         assert_eq!(tile_rows(2048, 1025, &DEVICE), 1024);

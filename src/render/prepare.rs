@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
-use super::plan::Plan;
+use super::plan::{Plan, SceneLevels};
 use super::settings::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
 use crate::alias::{AliasCell, alias_table};
 use crate::bvh::{self, Bvh, BvhKind};
@@ -330,6 +330,12 @@ impl PreparedScene {
             path_capacity,
             ..self.frame
         }
+    }
+
+    /// Levels that kernels go down.
+    pub fn levels(&self) -> SceneLevels {
+        let sky = self.frame.environment_width.max(self.frame.environment_height).max(1);
+        SceneLevels { bvh: self.bvh.depth, sky: sky.next_power_of_two().ilog2() }
     }
 
     /// Entries of the traversal stack: each inner node on the way down leaves one at most. Of a wide

@@ -202,7 +202,7 @@ impl Session {
         let limits = limits(device);
         let max_film_bytes = options.film_bytes.unwrap_or(limits.max_film_bytes);
         let scheduler = settings.scheduler_for(limits.software, device.description().subgroup_size, scene.bvh.kind);
-        let plan = Plan::new(settings, scheduler, scene.bvh.depth, &DeviceLimits { max_film_bytes, ..limits });
+        let plan = Plan::new(settings, scheduler, scene.levels(), &DeviceLimits { max_film_bytes, ..limits });
         let needs = scene.needs(settings);
         let executor = open_executor(device, scene, settings, &plan, &kernels(scheduler, settings, &needs), options)?;
         Ok(Self {
@@ -233,7 +233,13 @@ impl Session {
         self.executor.memory_bytes()
     }
 
-    /// Time that the driver took to build each kernel, by name.
+    /// Time until all kernels were built.
+    pub fn pipelines_time(&self) -> Duration {
+        self.executor.pipelines_time()
+    }
+
+    /// Time that the driver took to build each kernel, by name. Kernels are built side by side, so that these may add
+    /// up to more than the time of all.
     pub fn pipeline_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.executor.pipeline_times()
     }
