@@ -311,7 +311,7 @@ fn the_sky_s_probabilities_and_splits_are_read_as_they_are_written() {
     bench.scene.environment =
         probabilities.map(|probability| EnvironmentTexel { radiance: [1.0; 3], probability }).to_vec();
     // The whole in quarters of two by two texels, then the left and the right one of those that are there.
-    bench.scene.environment_splits = [(1.0, [0.75, 0.5]), (1.0, [0.25, 0.5]), (0.0, [0.5, 1.0])]
+    bench.scene.environment_splits = [(1.0, [0.75, 0.5]), (1.0, [0.25, 0.5]), (1.0, [1.0, 0.5])]
         .map(|(upper, left)| EnvironmentSplit { upper, left, unused: 0 })
         .to_vec();
     // Of the left 3/4 a quarter is the first texel's.
