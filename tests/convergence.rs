@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{device, own_scene, render_on};
+use common::{device, own_scene, render_on, tries};
 use raywave::film::Image;
 use raywave::gpu::Device;
 use raywave::render::Settings;
@@ -47,14 +47,21 @@ fn order(device: &Device, scene: &Scene, integrator: Integrator, sampler: Sample
 fn errors_fall_by_the_order_of_their_sampler() {
     let device = device();
     let scene = own_scene("smooth");
-    for integrator in [Integrator::Implicit, Integrator::Explicit, Integrator::Mis] {
-        let (slope, half) = order(&device, &scene, integrator, Sampler::Independent);
-        println!("{integrator:?}, independent: {slope:.3} ± {half:.3}");
-        assert!(half < 0.05 && (slope + 0.5).abs() < half + 0.01, "{integrator:?}: {slope} ± {half} is not -1/2");
-    }
-    for integrator in [Integrator::Explicit, Integrator::Mis] {
-        let (slope, half) = order(&device, &scene, integrator, Sampler::Sobol);
-        println!("{integrator:?}, Sobol: {slope:.3} ± {half:.3}");
-        assert!(slope + half < -0.52, "{integrator:?}: {slope} ± {half} is no faster than -1/2");
+    let cases = [
+        (Integrator::Implicit, Sampler::Independent),
+        (Integrator::Explicit, Sampler::Independent),
+        (Integrator::Mis, Sampler::Independent),
+        (Integrator::Explicit, Sampler::Sobol),
+        (Integrator::Mis, Sampler::Sobol),
+    ];
+    for (_, (integrator, sampler)) in cases.into_iter().enumerate().filter(|(case, _)| tries(&device, *case, 3)) {
+        let (slope, half) = order(&device, &scene, integrator, sampler);
+        let what = format!("{integrator:?}, {sampler:?}: {slope:.3} ± {half:.3}");
+        println!("{what}");
+        if sampler == Sampler::Independent {
+            assert!(half < 0.05 && (slope + 0.5).abs() < half + 0.01, "{what} is not -1/2");
+        } else {
+            assert!(slope + half < -0.52, "{what} is no faster than -1/2");
+        }
     }
 }
