@@ -129,6 +129,8 @@ fn bad_arguments_are_told_in_a_line() {
         ("vs_mitsuba", ["--cases", "teapot"], "teapot is none of"),
         ("vs_mitsuba", ["--rounds", "2"], "--rounds must be 3 or more"),
         ("vs_mitsuba", ["--budget", "0"], "--budget must be above 0"),
+        ("bias", ["--half", "0"], "--half must be above 0"),
+        ("bias", ["--way", "mis"], "--way must be given twice or more"),
     ] {
         let usage = output(bench(name, &arguments));
         assert_eq!(usage.status.code(), Some(2));
@@ -320,4 +322,36 @@ for _ in range(500):
 assert 0.91 < held / 500 < 0.985, held
 "
     ));
+}
+
+#[test]
+fn a_bias_of_an_exact_setting_is_told() {
+    assert_python(
+        "
+bias = bench('bias')
+draw = random.Random(11)
+# Of each way: its mean, and the noise of an image.
+kinds = {'first': (0.5, 1e-5), 'exact': (0.5, 1e-4), 'noisy': (0.5, 3e-4), 'dark': (0.4998, 2e-5)}
+def render(options, scene, way, seed, folder):
+    seeds.append(seed)
+    way.means.append(draw.gauss(*kinds[way.flags]))
+bias.render, seeds = render, []
+ticks = iter(range(10**6))
+def run(**options):
+    given = types.SimpleNamespace(**{'way': list(kinds), 'half': 3e-5, 'budget': 10**6, **options})
+    return {way.flags: way for way in bias.measure(given, None, None, clock=lambda: next(ticks))}
+ways = run()
+found = {name: way.beside(ways['first']) for name, way in ways.items() if name != 'first'}
+assert all(half <= 3e-5 for _, half in found.values()), found
+assert {name: bias.verdict(*of) for name, of in found.items()} == {
+    'exact': 'below 1e-4', 'noisy': 'below 1e-4', 'dark': 'APART'}, found
+assert abs(found['dark'][0] + 4e-4) < 6e-5, found
+# No two images have a seed in common, and more go to where they are needed.
+assert len(set(seeds)) == len(seeds)
+assert len(ways['noisy'].means) > 5 * len(ways['exact'].means) > 200
+# When the time is up what is not known is said to be so.
+ways = run(budget=30)
+assert bias.verdict(*ways['noisy'].beside(ways['first'])) == 'not known so well'
+",
+    );
 }
