@@ -27,6 +27,26 @@ fn paths_in_flight_change_no_bit() {
     }
 }
 
+/// However bright the lamps, a clamp in proportion cuts off the same: by powers of two, to the last bit.
+#[test]
+fn a_clamp_is_in_the_unit_of_the_lamps() {
+    let device = device();
+    let scene = own_scene("cornell-box");
+    let film = |power: i32, clamp: Option<f64>| {
+        let mut scene = scene.clone();
+        scene.materials.iter_mut().for_each(|material| material.ke *= 2.0_f32.powi(power));
+        let settings = Settings { width: 16, height: 16, samples: 4, ..Settings::of(&scene) };
+        let clamp = clamp.map(|clamp| clamp * 2.0_f64.powi(power));
+        let film = render_on(&device, &scene, &Settings { clamp, ..settings }).film;
+        film.sum.iter().map(|sum| *sum * 2.0_f64.powi(-power)).collect::<Vec<_>>()
+    };
+    let clamped = film(0, Some(0.05));
+    assert!(clamped != film(0, None), "the clamp cuts something off");
+    for power in [-100, -1, 64, 100] {
+        assert!(film(power, Some(0.05)) == clamped, "lamps times 2^{power}");
+    }
+}
+
 /// One triangle is a scene.
 #[test]
 fn one_triangle_is_a_scene() {
