@@ -41,8 +41,8 @@ pub const PLANS: &[Plan] = &[
         name: "internal-reflections",
         driven: "reflections inside a glass slab before the light gets in at its end",
         measure: "share of samples that are not Ni²",
-        allowed: 0.0,
-        remark: "the slab is as thin as its length over their number, and vertices are rounded to 6e-8 of the length",
+        allowed: 2e-4,
+        remark: "a reflection within the rounding of the edge where the slab ends lets a path slip out, 8e-8 of them each; 96² samples of what is not promised",
         reduced: "96² samples a setting",
         trials: internal_reflections,
     },
@@ -158,7 +158,9 @@ fn internal_reflections(lab: &Lab<'_>) -> Vec<Trial> {
         let scene = stage
             .of(glass(Surface::Refractive, 1.5))
             .polygons(&super::stage::cuboid(dvec3(-half, -2.0, -1.0), dvec3(half, 2.0, 1.0)));
-        let picture = lab.picture(Integrator::Implicit, 2 * count + 10);
+        // Few of the paths that are thousands of rays long.
+        let side = if required { lab.side() } else { lab.side().min(96) };
+        let picture = Settings { width: side, height: side, ..lab.picture(Integrator::Implicit, 2 * count + 10) };
         trial(count, required, lab.every_sample(&scene.scene(), &picture, 1e-3, |_| 2.25))
     };
     lab.ladder(&[10, 100, 1000], &[3000, 10_000]).into_iter().map(run).collect()
@@ -295,7 +297,7 @@ fn roulette(lab: &Lab<'_>) -> Vec<Trial> {
 }
 
 fn roulette_bias(lab: &Lab<'_>) -> Vec<Trial> {
-    let picture = Settings { samples: lab.by_level(64, 256, 4096), ..lab.picture(Integrator::Implicit, 1) };
+    let picture = Settings { samples: lab.by_level(64, 256, 1024), ..lab.picture(Integrator::Implicit, 1) };
     let run = |(q, required): (f64, bool)| {
         let scene = Stage::new(2.0 * DVec3::Y, DVec3::ZERO, 20.0).white_sky().of(grey(0.5));
         let scene = scene.square(DVec3::ZERO, DVec3::Y, 1.0).scene();
