@@ -284,6 +284,27 @@ assert all(len(vs.cells(row)) == 9 for row in rows)
 }
 
 #[test]
+fn stray_samples_do_not_hide_in_the_light_they_make() {
+    assert_python(&format!(
+        "{FAKE_PROGRAMS}
+class Strays(Fake):
+    def pair(self, setting, samples, number):
+        pair = super().pair(setting, samples, number)
+        if setting == quick:
+            for image in pair.images:
+                image[self.draw.randrange(len(image))] += 1000.0 / samples
+        return pair
+kinds = {{quick: (0.1, 1.0, 0.001, 0.0), slow: (1.0, 1.0, 0.002, 0.0), peer: (2.0, 1.5, 0.001, 0.0)}}
+vs.TARGETS = [1e-1, 1e-2]
+points, reference = vs.pilot(Strays(kinds), list(kinds), 1e9, random.Random(2))
+assert set(points) == {{slow, peer}}, points
+# Nor are they left in what the rounds are weighed by.
+assert set(reference.sums) == {{slow, peer}} and reference.error() < 1e-2
+"
+    ));
+}
+
+#[test]
 fn images_that_are_apart_are_told_pixel_by_pixel() {
     assert_python(&format!(
         "{FAKE_PROGRAMS}
