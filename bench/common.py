@@ -65,6 +65,18 @@ def mean_and_error(values):
     return mean, math.sqrt(variance / len(values))
 
 
+def mean_interval(values):
+    """Mean and half of its 95 % interval."""
+    mean, error = mean_and_error(values)
+    return {"mean": mean, "half": student(len(values) - 1) * error}
+
+
+def beside(values, first):
+    """Difference of a mean from another one, in parts of that, and half of its 95 % interval."""
+    a, b = mean_interval(values), mean_interval(first)
+    return {"mean": a["mean"] / b["mean"] - 1, "half": math.hypot(a["half"], b["half"]) / b["mean"]}
+
+
 def differences(means):
     """How far the images of two programs are apart in the mean, and how far they may be, in shares of the latter's, by
     colour."""
@@ -133,6 +145,16 @@ def build_raywave(given):
 
 def target_folder():
     return pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+
+
+def render_square(options, scene, flags, samples, seed, folder):
+    """Renders a scene, or none for the built-in one, with such flags of render: the image, by the seed's parity, and the
+    report. The options have raywave, its device and the size."""
+    image, stats = folder / f"{seed % 2}.exr", folder / "stats.json"
+    command = [options.raywave, "render", *scene, "-o", image, "--stats", stats, "--quiet", *flags.split()]
+    command += ["--width", options.size, "--height", options.size, "--samples", samples, "--seed", seed]
+    run(command + (["--device", options.device] if options.device else []))
+    return image, json.loads(stats.read_text())
 
 
 class Worker:

@@ -275,11 +275,8 @@ impl<'a> Reference<'a> {
         let place = pick * self.lamps.len() as f64;
         let cell = self.lamps.get(place as usize)?;
         let left = (place.fract() + digits * self.lamps.len() as f64 * 2.0_f64.powi(-24)).min(1.0);
-        let (index, u) = if left < cell.threshold {
-            (cell.facet, left / cell.threshold)
-        } else {
-            (cell.alias, (left - cell.threshold) / (1.0 - cell.threshold))
-        };
+        let (own, u) = falls_below(left, cell.threshold);
+        let index = if own { cell.facet } else { cell.alias };
         let Facet { corner, edges: [second, third], normal, material } = self.facets[index];
         let s = u.sqrt();
         let point = corner + s * (1.0 - v) * second + s * v * third;
@@ -320,6 +317,11 @@ fn power_heuristic(own: f64, other: f64) -> f64 {
     own * own / (own * own + other * other)
 }
 
+/// Whether a number in [0, 1) falls below a share of it, and what that leaves of the number, uniform again.
+fn falls_below(u: f64, share: f64) -> (bool, f64) {
+    if u < share { (true, u / share) } else { (false, (u - share) / (1.0 - share)) }
+}
+
 /// A direction and f cos / pdf.
 fn scatter(vertex: &Vertex<'_>, choice: f64, u: DVec2) -> (DVec3, DVec3) {
     let Vertex { material, wo, normal, is_front, .. } = *vertex;
@@ -327,11 +329,9 @@ fn scatter(vertex: &Vertex<'_>, choice: f64, u: DVec2) -> (DVec3, DVec3) {
     match material.surface {
         Surface::Glossy => {
             // What the choice leaves of the number is for the direction.
-            let share = optics::phong_share(material);
-            let by_lobe = u.x < share;
-            let u = DVec2::new(if by_lobe { u.x / share } else { (u.x - share) / (1.0 - share) }, u.y);
+            let (by_lobe, x) = falls_below(u.x, optics::phong_share(material));
             let (axis, exponent) = if by_lobe { (mirrored, f64::from(material.ns)) } else { (normal, 1.0) };
-            let wi = cosine_power(axis, exponent, u);
+            let wi = cosine_power(axis, exponent, DVec2::new(x, u.y));
             let weight = optics::glossy(material, normal, wo, wi) / optics::scatter_density(material, normal, wo, wi);
             (wi, weight)
         }
