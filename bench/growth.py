@@ -18,7 +18,6 @@ import argparse
 import json
 import math
 import os
-import re
 import subprocess
 import sys
 import tempfile
@@ -57,12 +56,12 @@ def run(*command):
 
 def about(raywave, scene):
     """What `raywave info` says of the scene that does not depend on rays."""
-    text = run(raywave, "info", scene)
-    find = lambda pattern: float(re.search(pattern, text, re.M).group(1))
+    told = json.loads(run(raywave, "info", scene, "--json"))
+    triangles = told["triangles"]
     return {
-        "triangles": int(find(r"^triangles +(\d+)")),
-        "bvh_build_triangles_per_second": 1e6 * find(r"^BVH build .* ([\d.]+) M triangles/s"),
-        "device_bytes_per_triangle": find(r"^device memory .* ([\d.]+) bytes a triangle"),
+        "triangles": triangles,
+        "bvh_build_triangles_per_second": triangles / told["bvh_build_seconds"],
+        "device_bytes_per_triangle": told["specialized"]["scene_bytes_per_triangle"],
     }
 
 

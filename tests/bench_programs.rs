@@ -91,6 +91,28 @@ fn raywave_alone_is_measured_without_peers() {
 }
 
 #[test]
+fn rays_are_measured_as_the_scene_grows() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let [html, json] = ["growth.html", "growth.json"].map(|name| folder.path().join(name));
+    let mut command = bench("growth.py", &["--triangles", "5000,20000", "--width", "32", "--rounds", "2"]);
+    command.args(["--html".as_ref(), html.as_os_str(), "--json".as_ref(), json.as_os_str()]);
+    let text = printed(command);
+    assert_eq!(text.lines().count(), 3, "{text}");
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(json).expect("it is written")).expect("JSON");
+    let scenes = report.as_array().expect("a row a scene");
+    assert_eq!(scenes.len(), 2);
+    for scene in scenes {
+        let triangles = scene["triangles"].as_f64().expect("a count");
+        assert!((5e3..21e3).contains(&triangles), "{triangles}");
+        let bytes = scene["device_bytes_per_triangle"].as_f64().expect("a number");
+        assert!((50.0..200.0).contains(&bytes), "{bytes} bytes a triangle");
+        assert!(scene["bvh_build_triangles_per_second"].as_f64() > Some(1e3));
+        assert!(scene["rays"]["bounce 2"]["rays_per_second"]["median"].as_f64() > Some(0.0));
+    }
+    assert!(fs::read_to_string(html).expect("it is written").contains("</svg>"));
+}
+
+#[test]
 fn what_is_missing_is_told_with_its_package() {
     let compiler = failing("g++");
     let mut command = bench("traversal", &["--peers", "embree", "--cases", "cornell-box"]);
