@@ -484,9 +484,8 @@ fn glossy_scattering_follows_its_density_and_its_weights_their_integral() {
             let wo = spherical(side * up, angle.to_radians().cos(), 2.0);
             let queries: Vec<_> = (0..N)
                 .map(|_| {
-                    let [choice, u, v] = random.next();
                     let query = SurfaceQuery::new(index, up, wo, wo);
-                    SurfaceQuery { shading_normal: lanes(shading), choice, u: [u, v], ..query }
+                    SurfaceQuery { shading_normal: lanes(shading), u: random.next(), ..query }
                 })
                 .collect();
             let answers: Vec<Glossy> = bench.run("glossy", &queries);

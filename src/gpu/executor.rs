@@ -142,13 +142,13 @@ impl Executor {
 
         let start = Instant::now();
         let pipelines = Pipelines::new(shared, kernels, description.specialization)?;
-        let made = start.elapsed();
+        let pipelines_time = start.elapsed();
         let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let staging = Buffer::new(shared, "staging", STAGING_BYTES, transfer, MemoryLocation::CpuToGpu)?;
         let mut executor = Self {
             buffers: HashMap::new(),
             pipelines,
-            pipelines_time: made,
+            pipelines_time,
             descriptor_pool: vk::DescriptorPool::null(),
             sets: Vec::new(),
             command_pool: vk::CommandPool::null(),
@@ -168,7 +168,7 @@ impl Executor {
         executor.make_sets()?;
         let start = Instant::now();
         executor.warm_up()?;
-        executor.pipelines_time = made + start.elapsed();
+        executor.pipelines_time += start.elapsed();
         Ok(executor)
     }
 
