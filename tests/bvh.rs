@@ -4,7 +4,7 @@ mod common;
 
 use common::meshes::{ball, cuboid, soup};
 use common::probe::Uniform;
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DVec3, EulerRot, Vec3};
 use proptest::prelude::*;
 use raywave::bvh::{Bvh, BvhKind, Ray, trace_any, trace_closest};
 use raywave::constants::{
@@ -194,6 +194,59 @@ fn sizes_of_every_magnitude_make_valid_trees() {
     let apart: Vec<_> =
         (0..100).map(|i| [DVec3::ZERO, DVec3::X, DVec3::Y].map(|v| (v + DVec3::Z) * f64::from(-i).exp2())).collect();
     check(&apart);
+}
+
+/// A box with a grate of slivers in it, as neon tubes are, none of them parallel to an axis.
+fn grate() -> Vec<Corners> {
+    let turned = DMat3::from_euler(EulerRot::XYZ, 0.01, 0.4, 0.3);
+    let bars = (0..24).flat_map(|bar| {
+        let (x, y) = (0.29 + 0.004 * f64::from(bar), 0.08 + 0.001 * f64::from(bar % 3));
+        let [a, b, c, d] = [(0.0, -0.44), (0.0, 0.37), (0.004, 0.37), (0.004, -0.44)].map(|(dx, z)| {
+            let corner = DVec3::new(x + dx, y, z);
+            if bar % 2 == 0 { corner } else { turned * corner }
+        });
+        [[a, b, c], [a, c, d]]
+    });
+    cuboid(DVec3::NEG_ONE, DVec3::ONE).into_iter().chain(bars).map(|t| t.map(|v| v.as_vec3())).collect()
+}
+
+/// The distance that is computed of a large triangle nearby, or of a sliver, is off by far more than a few last places.
+/// So a box whose triangle would be found just nearer than what is known already may lie beyond it.
+#[test]
+fn what_is_hit_does_not_depend_on_the_tree() {
+    let corners = grate();
+    let kinds = [BvhKind::List, BvhKind::Bvh2, BvhKind::Bvh4, BvhKind::Cwbvh];
+    let trees = kinds.map(|kind| {
+        let bvh = Bvh::build(kind, &corners);
+        let triangles = triangles_of(&bvh, &corners);
+        (bvh, triangles)
+    });
+    let mut random = Uniform::new(7);
+    let (mut nearest, mut blocked) = ([0; 3], [0; 3]);
+    for _ in 0..300_000 {
+        let [which, along, across, far, turn, up, beyond] = random.next::<7>();
+        // Most ways end close to a corner's edges, a hair before or beyond them.
+        let target = (which * corners.len() as f32) as u32;
+        let [a, b, c] = corners[target as usize];
+        let end = a.lerp(b, along).lerp(c, across.powi(8));
+        let (sine, cosine) = (std::f32::consts::TAU * turn).sin_cos();
+        let level = 2.0 * up - 1.0;
+        let flat = (1.0 - level * level).sqrt();
+        let way = 10_f32.powf(-4.0 * far) * Vec3::new(flat * cosine, flat * sine, level);
+        let direction = -way * (1.0 + 2e-5 * (beyond - 0.5));
+        let answers = trees.each_ref().map(|(bvh, triangles)| {
+            let place = bvh.order.iter().position(|&original| original == target).expect("it is in the order") as u32;
+            let ray = Ray { origin: end + way, direction, leaves: NO_TRIANGLE };
+            let hit = trace_closest(bvh, triangles, &ray);
+            let hit = hit.map(|hit| (triangles[hit.triangle as usize].original, hit.distance.to_bits()));
+            (hit, trace_any(bvh, triangles, &ray, place, 1.0))
+        });
+        for (kind, answer) in answers[1..].iter().enumerate() {
+            nearest[kind] += u32::from(answer.0 != answers[0].0);
+            blocked[kind] += u32::from(answer.1 != answers[0].1);
+        }
+    }
+    assert_eq!((nearest, blocked), ([0; 3], [0; 3]), "rays of the kinds {kinds:?} that differ from the list's");
 }
 
 /// A coordinate: often on a coarse grid, so that triangles touch, coincide and lie in planes.

@@ -55,7 +55,7 @@ GridRay grid_ray(Ray ray) {
 }
 
 // The ray against four children: bits of what it meets.
-uint meet_four(uvec2 x, uvec2 y, uvec2 z, uint meta, GridRay ray, vec3 scale, vec3 near, vec3 far, float limit) {
+uint meet_four(uvec2 x, uvec2 y, uvec2 z, uint meta, GridRay ray, vec3 scale, vec3 near, vec3 far, float reach) {
     vec4 near_x = bytes(ray.backwards.x ? x.y : x.x) * scale.x + near.x;
     vec4 near_y = bytes(ray.backwards.y ? y.y : y.x) * scale.y + near.y;
     vec4 near_z = bytes(ray.backwards.z ? z.y : z.x) * scale.z + near.z;
@@ -63,7 +63,7 @@ uint meet_four(uvec2 x, uvec2 y, uvec2 z, uint meta, GridRay ray, vec3 scale, ve
     vec4 far_y = bytes(ray.backwards.y ? y.x : y.y) * scale.y + far.y;
     vec4 far_z = bytes(ray.backwards.z ? z.x : z.y) * scale.z + far.z;
     vec4 enter = greater(greater(near_x, near_y), greater(near_z, vec4(0.0)));
-    vec4 leave = lesser(lesser(far_x, far_y), lesser(far_z, vec4(limit)));
+    vec4 leave = lesser(lesser(far_x, far_y), lesser(far_z, vec4(reach)));
     bvec4 met = lessThanEqual(enter, leave * SLAB_SLACK);
 
     // In each byte: whether the child is inner, the place of its lowest bit, its bits.
@@ -76,7 +76,7 @@ uint meet_four(uvec2 x, uvec2 y, uvec2 z, uint meta, GridRay ray, vec3 scale, ve
 
 // What the ray meets in a node: inner children from WIDE_INNER_BIT on, the nearest one highest, and
 // triangles from `first_triangle` on in the bits under it.
-uint meet_children(uint node, GridRay ray, float limit, out uint first_triangle) {
+uint meet_children(uint node, GridRay ray, float reach, out uint first_triangle) {
     count_node();
     uvec4 grid = fetch_nodes(WIDE_TEXELS * node);
     uvec4 links = fetch_nodes(WIDE_TEXELS * node + 1u);
@@ -88,10 +88,10 @@ uint meet_children(uint node, GridRay ray, float limit, out uint first_triangle)
     vec3 error = (abs(offset) + 255.0 * abs(scale)) * PLANE_ERROR;
     vec3 near = offset - error;
     vec3 far = offset + error;
-    uint hits = meet_four(planes.xy, planes.zw, more_planes.xy, links.z, ray, scale, near, far, limit);
+    uint hits = meet_four(planes.xy, planes.zw, more_planes.xy, links.z, ray, scale, near, far, reach);
     if (BVH_WIDTH == 8u) {
         uvec4 last_planes = fetch_nodes(WIDE_TEXELS * node + 4u);
-        hits |= meet_four(more_planes.zw, last_planes.xy, last_planes.zw, links.w, ray, scale, near, far, limit);
+        hits |= meet_four(more_planes.zw, last_planes.xy, last_planes.zw, links.w, ray, scale, near, far, reach);
     }
     return hits;
 }
@@ -146,10 +146,10 @@ uint take_triangle(inout Postponed triangles) {
 
 // Visits nodes from `node` on, until `capacity` groups of triangles are found, no node is left, or the
 // stack wants balance.
-void find_triangles(inout uint node, inout Stack stack, inout Postponed triangles, GridRay grid, float limit, uint capacity) {
+void find_triangles(inout uint node, inout Stack stack, inout Postponed triangles, GridRay grid, float reach, uint capacity) {
     while (!any_ray(is_full(triangles, capacity)) && node != NO_NODE && !is_unbalanced(stack)) {
         uint first_triangle;
-        uint hits = meet_children(node, grid, limit, first_triangle);
+        uint hits = meet_children(node, grid, reach, first_triangle);
         postpone(triangles, hits & ((1u << WIDE_INNER_BIT) - 1u), first_triangle);
         node = next_node(node, met_by_any(hits >> WIDE_INNER_BIT), grid.octant, stack);
     }
@@ -168,7 +168,7 @@ Hit trace_closest_wide(Ray ray) {
     Postponed triangles = none_postponed();
     uint node = 0u;
     while (node != NO_NODE) {
-        find_triangles(node, stack, triangles, grid, nearest.hit.distance, CLOSEST_GROUPS);
+        find_triangles(node, stack, triangles, grid, reach_of(nearest.hit.distance, grid.inverse), CLOSEST_GROUPS);
         bool due = is_due(triangles, node, CLOSEST_GROUPS);
         while (due && any_left(triangles)) {
             meet_triangle(take_triangle(triangles), ray, space, nearest);
@@ -183,7 +183,7 @@ bool trace_any_wide(Ray ray, uint target, float limit) {
     RaySpace space = ray_space(ray.direction);
     bool blocked = false;
     // A ray that is blocked meets no more nodes of its packet's.
-    float reach = limit;
+    float reach = reach_of(limit, grid.inverse);
     Stack stack = empty_stack();
     Postponed triangles = none_postponed();
     uint node = 0u;
@@ -194,7 +194,7 @@ bool trace_any_wide(Ray ray, uint target, float limit) {
             uint triangle = take_triangle(triangles);
             blocked = blocks(triangle, fetch_triangle(triangle), ray, space, target, limit) || blocked;
         }
-        reach = blocked ? -1.0 : limit;
+        reach = blocked ? -1.0 : reach;
         node = all_rays(blocked) ? NO_NODE : node;
         balance_stack(stack);
     }

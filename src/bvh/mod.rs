@@ -245,8 +245,17 @@ fn binary_tree(triangles: &[[Vec3; 3]], max_leaf_triangles: u32) -> Bvh2 {
     /// Triangle tests that a node costs, when leaves are merged.
     const NODE_COST: f32 = 3.0;
 
-    let boxes: Vec<Aabb> =
-        triangles.par_iter().map(|[a, b, c]| Aabb::new(a.min(*b).min(*c).into(), a.max(*b).max(*c).into())).collect();
+    /// How far a triangle's box reaches beyond it, as a share of its longest side. The triangle test moves corners
+    /// along the ray to the origin's plane and rounds where they come to lie, so it may find a hit on a triangle that
+    /// the ray passes within some last places of the triangle's length.
+    const MARGIN: f32 = 16.0 * 5.960_464_5e-8;
+
+    let box_of = |[a, b, c]: &[Vec3; 3]| {
+        let (low, high) = (a.min(*b).min(*c), a.max(*b).max(*c));
+        let margin = Vec3::splat(MARGIN * (high - low).max_element());
+        Aabb::new((low - margin).into(), (high + margin).into())
+    };
+    let boxes: Vec<Aabb> = triangles.par_iter().map(box_of).collect();
     let indices = (0..triangles.len() as u32).collect();
     let mut builder = PlocBuilder::new();
     let mut tree = builder.build(PlocSearchDistance::Medium, &boxes, indices, SortPrecision::U64, NEAR_LEVELS);

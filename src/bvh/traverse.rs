@@ -92,13 +92,21 @@ fn safe_inverse(d: Vec3) -> Vec3 {
 /// As in `bvh.glsl`.
 const SLAB_SLACK: f32 = 1.000_000_8;
 
-fn enter_box(low: [f32; 3], high: [f32; 3], origin: Vec3, inverse: Vec3, limit: f32) -> Option<f32> {
+/// As `reach_of` in `slab.glsl`.
+fn reach_of(limit: f32, inverse: Vec3) -> f32 {
+    limit * LIMIT_SLACK + LIMIT_MARGIN * inverse.abs().min_element()
+}
+
+const LIMIT_SLACK: f32 = 1.0 + 1.0 / 65_536.0;
+const LIMIT_MARGIN: f32 = 1.0 / 16_384.0;
+
+fn enter_box(low: [f32; 3], high: [f32; 3], origin: Vec3, inverse: Vec3, reach: f32) -> Option<f32> {
     let t0 = (Vec3::from(low) - origin) * inverse;
     let t1 = (Vec3::from(high) - origin) * inverse;
     let near = t0.min(t1);
     let far = t0.max(t1);
     let enter = near.x.max(near.y).max(near.z.max(0.0));
-    let leave = far.x.min(far.y).min(far.z.min(limit));
+    let leave = far.x.min(far.y).min(far.z.min(reach));
     (enter <= leave * SLAB_SLACK).then_some(enter)
 }
 
@@ -141,8 +149,9 @@ fn walk_binary(
         }
         work.nodes += 1;
         let Node { left_low, left, left_high, right_low, right, right_high, .. } = nodes[reference as usize];
-        let enter_left = enter_box(left_low, left_high, ray.origin, inverse, limit);
-        let enter_right = enter_box(right_low, right_high, ray.origin, inverse, limit);
+        let reach = reach_of(limit, inverse);
+        let enter_left = enter_box(left_low, left_high, ray.origin, inverse, reach);
+        let enter_right = enter_box(right_low, right_high, ray.origin, inverse, reach);
         match (enter_left, enter_right) {
             (Some(l), Some(r)) if l <= r => stack.extend([right, left]),
             (Some(_), Some(_)) => stack.extend([left, right]),
@@ -174,7 +183,7 @@ fn walk_wide(
     let mut work = Work::default();
     while let Some(node) = next {
         work.nodes += 1;
-        let (inner, triangles) = meet_children(bvh, node, ray.origin, inverse, octant, limit);
+        let (inner, triangles) = meet_children(bvh, node, ray.origin, inverse, octant, reach_of(limit, inverse));
         if inner != 0 {
             stack.push((node, inner));
         }
@@ -204,7 +213,7 @@ fn walk_wide(
 }
 
 /// Inner children that the ray meets, and triangles of leaves that it meets.
-fn meet_children(bvh: &Bvh, node: u32, origin: Vec3, inverse: Vec3, octant: u32, limit: f32) -> (u32, Vec<u32>) {
+fn meet_children(bvh: &Bvh, node: u32, origin: Vec3, inverse: Vec3, octant: u32, reach: f32) -> (u32, Vec<u32>) {
     let words = bvh.wide_node(node).as_flattened();
     let bytes = |word: usize| words[word].to_le_bytes();
     let step = Vec3::from_array(std::array::from_fn(|axis| f32::from_bits(u32::from(bytes(3)[axis]) << 23)));
@@ -221,7 +230,7 @@ fn meet_children(bvh: &Bvh, node: u32, origin: Vec3, inverse: Vec3, octant: u32,
         let enters = Vec3::from_array(std::array::from_fn(|a| plane(a, backwards(a)) * scale[a] + near[a]));
         let leaves = Vec3::from_array(std::array::from_fn(|a| plane(a, !backwards(a)) * scale[a] + far[a]));
         let enter = enters.x.max(enters.y).max(enters.z.max(0.0));
-        let leave = leaves.x.min(leaves.y).min(leaves.z.min(limit));
+        let leave = leaves.x.min(leaves.y).min(leaves.z.min(reach));
         if enter <= leave * SLAB_SLACK {
             let is_inner = u32::from(meta & 0x1f) >= WIDE_INNER_BIT;
             let place = u32::from(meta & 0x1f) ^ if is_inner { octant } else { 0 };
