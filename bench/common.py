@@ -271,11 +271,15 @@ def machine_line(about):
     return f"{about['cpu']} ({wide}), {about['cores']} cores, load {about['load_average_at_start']:.1f} at the start"
 
 
-def write_json(path, report):
+def write_text(path, text):
     """Whole or not at all."""
     part = path.with_name(path.name + ".part")
-    part.write_text(json.dumps(report, indent=2) + "\n")
+    part.write_text(text, encoding="utf-8")
     part.replace(path)
+
+
+def write_json(path, report):
+    write_text(path, json.dumps(report, indent=2) + "\n")
 
 
 def check_output(path):

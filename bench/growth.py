@@ -9,8 +9,8 @@ busy the machine is: nodes and triangles a ray, BVH build, device memory.
     bench/growth.py --html growth.html
     bench/growth.py --triangles 5000,100000 --rounds 5 --json growth.json
 
-Needs Python 3.9 or later and a raywave that is built (`cargo build --release`). Galleries are written
-to a temporary folder, 60 bytes a triangle; the largest one needs 400 bytes of memory a triangle.
+Needs Python 3.9 or later. Galleries are written to a temporary folder, 60 bytes a triangle; the largest
+one needs 400 bytes of memory a triangle.
 Exit code 2, with one line, where something is missing or a command fails.
 """
 
@@ -18,10 +18,14 @@ import argparse
 import json
 import math
 import os
-import subprocess
+import pathlib
 import sys
 import tempfile
 from html import escape
+
+sys.dont_write_bytecode = True
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+import common
 
 RAYS = [("camera rays", ["--bounce", "0"]), ("bounce 2", ["--bounce", "2"]), ("shadow rays", ["--bounce", "0", "--rays", "shadow"])]
 COLOURS = ["#3366aa", "#c2571a", "#3d8b40"]
@@ -39,24 +43,9 @@ def counts(text):
     return numbers
 
 
-def fail(words):
-    print(f"error: {words}", file=sys.stderr)
-    sys.exit(2)
-
-
-def run(*command):
-    try:
-        done = subprocess.run(command, capture_output=True, text=True)
-    except OSError as error:
-        fail(f"{command[0]} does not start ({error.strerror}); build raywave or name it by --raywave")
-    if done.returncode != 0:
-        fail(f"{' '.join(command)}: {done.stderr.strip().splitlines()[-1:]}")
-    return done.stdout
-
-
 def about(raywave, scene):
     """What `raywave info` says of the scene that does not depend on rays."""
-    told = json.loads(run(raywave, "info", scene, "--json"))
+    told = json.loads(common.run([raywave, "info", scene, "--json"]))
     triangles = told["triangles"]
     return {
         "triangles": triangles,
@@ -67,21 +56,20 @@ def about(raywave, scene):
 
 def measure(options, folder, triangles):
     """One row: a gallery, and its rays of each kind."""
-    scene = os.path.join(folder, "gallery.toml")
-    run(options.raywave, "gallery", folder, "--triangles", str(triangles))
+    scene = folder / "gallery.toml"
+    common.run([options.raywave, "gallery", folder, "--triangles", triangles])
     row = about(options.raywave, scene)
     device = ["--device", options.device] if options.device else []
     row["rays"] = {}
     for name, which in RAYS:
-        dump, report = os.path.join(folder, "dump.rays"), os.path.join(folder, "replay.json")
-        size = ["--width", str(options.width), "--height", str(options.width * 9 // 16), "--samples", "1"]
-        run(options.raywave, "dump-rays", scene, *which, *size, *device, "-o", dump, "--quiet")
-        run(options.raywave, "replay", scene, dump, "--rounds", str(options.rounds), *device, "--json", report)
-        with open(report, encoding="utf-8") as file:
-            told = json.load(file)
+        dump, report = folder / "dump.rays", folder / "replay.json"
+        size = ["--width", options.width, "--height", options.width * 9 // 16, "--samples", 1]
+        common.run([options.raywave, "dump-rays", scene, *which, *size, *device, "-o", dump, "--quiet"])
+        common.run([options.raywave, "replay", scene, dump, "--rounds", options.rounds, *device, "--json", report])
+        told = json.loads(report.read_text())
         row["rays"][name] = {key: told[key] for key in ("rays_per_second", "nodes_visited_per_ray", "triangles_tested_per_ray", "hit_share")}
         row["device"], row["driver"] = told["device"], told["driver"]
-        print(f"{row['triangles']:>9} triangles, {name}: {told['rays_per_second']['median'] / 1e6:.3f} M rays/s", file=sys.stderr)
+        common.say(f"{row['triangles']:>9} triangles, {name}: {told['rays_per_second']['median'] / 1e6:.3f} M rays/s")
     return row
 
 
@@ -156,34 +144,35 @@ table {{ border-collapse: collapse; font-size: 13px; display: block; overflow-x:
 """
 
 
-def main():
-    here = os.path.dirname(os.path.abspath(__file__))
+def program():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--raywave", default=os.path.join(here, "..", "target", "release", "raywave"), help="the program (target/release/raywave)")
+    parser.add_argument("--raywave", type=pathlib.Path, help="the program to measure; without, a release build of this tree")
     parser.add_argument("--triangles", type=counts, default=counts("5000,20000,100000,500000,2e6,1e7"), help="counts, rising (5000 to 1e7)")
     parser.add_argument("--width", type=int, default=640, help="pixels; the height is 9/16 of it (640)")
     parser.add_argument("--rounds", type=int, default=12, help="timed rounds of each dump (12)")
     parser.add_argument("--device", default=os.environ.get("RAYWAVE_DEVICE"), help="as for raywave")
     parser.add_argument("--folder", help="where galleries are written, one after the other (a temporary folder)")
-    parser.add_argument("--html", help="page to write")
-    parser.add_argument("--json", help="file for all numbers")
+    parser.add_argument("--html", type=pathlib.Path, help="page to write")
+    parser.add_argument("--json", type=pathlib.Path, help="file for all numbers")
     options = parser.parse_args()
+    common.check_output(options.html)
+    common.check_output(options.json)
+    options.raywave = common.build_raywave(options.raywave)
     rows = []
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         for triangles in options.triangles:
-            rows.append(measure(options, folder, triangles))
+            rows.append(measure(options, pathlib.Path(folder), triangles))
             # What is done is kept, should a larger scene fail.
             if options.json:
-                with open(options.json, "w", encoding="utf-8") as file:
-                    json.dump(rows, file, indent=2)
+                common.write_json(options.json, rows)
             if options.html and len(rows) > 1:
-                with open(options.html, "w", encoding="utf-8") as file:
-                    file.write(page(rows, options))
+                common.write_text(options.html, page(rows, options))
     for name, _ in RAYS:
         loss = slowdown(rows, name)
         verdict = "" if name != "bounce 2" else f" (aim: at most {TARGET:g})"
         print(f"{name}: {loss:.2f} times slower from {rows[0]['triangles']:,} to {rows[-1]['triangles']:,} triangles{verdict}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(common.main(program))

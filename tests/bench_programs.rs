@@ -36,6 +36,10 @@ fn complaint(command: Command) -> String {
     line
 }
 
+fn read_json(path: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(path).expect("it is written")).expect("JSON")
+}
+
 /// Cells of the rows of a table, without its head.
 fn rows(text: &str) -> Vec<Vec<&str>> {
     text.lines()
@@ -66,7 +70,7 @@ fn raywave_alone_is_measured_without_peers() {
     let json = folder.path().join("report.json");
     let json = json.to_str().expect("a plain path");
     let tiny = ["--peers", "none", "--cases", "cornell-box", "--size", "24", "16", "--rounds", "2", "--json", json];
-    let read = || serde_json::from_slice::<serde_json::Value>(&fs::read(json).expect("it is written")).expect("JSON");
+    let read = || read_json(Path::new(json));
 
     let text = printed(bench("traversal", &[&tiny[..], &["--seconds", "0.001"]].concat()));
     let rows_of_traversal = rows(&text);
@@ -98,7 +102,7 @@ fn rays_are_measured_as_the_scene_grows() {
     command.args(["--html".as_ref(), html.as_os_str(), "--json".as_ref(), json.as_os_str()]);
     let text = printed(command);
     assert_eq!(text.lines().count(), 3, "{text}");
-    let report: serde_json::Value = serde_json::from_slice(&fs::read(json).expect("it is written")).expect("JSON");
+    let report = read_json(&json);
     let scenes = report.as_array().expect("a row a scene");
     assert_eq!(scenes.len(), 2);
     for scene in scenes {

@@ -89,16 +89,17 @@ fn safe_inverse(d: Vec3) -> Vec3 {
     )
 }
 
-/// As in `bvh.glsl`.
+/// As in `slab.glsl`.
 const SLAB_SLACK: f32 = 1.000_000_8;
+/// As in `slab.glsl`.
+const LIMIT_SLACK: f32 = 1.0 + 1.0 / 65_536.0;
+/// As in `slab.glsl`.
+const LIMIT_MARGIN: f32 = 1.0 / 16_384.0;
 
-/// As `reach_of` in `slab.glsl`.
+/// As in `slab.glsl`.
 fn reach_of(limit: f32, inverse: Vec3) -> f32 {
     limit * LIMIT_SLACK + LIMIT_MARGIN * inverse.abs().min_element()
 }
-
-const LIMIT_SLACK: f32 = 1.0 + 1.0 / 65_536.0;
-const LIMIT_MARGIN: f32 = 1.0 / 16_384.0;
 
 fn enter_box(low: [f32; 3], high: [f32; 3], origin: Vec3, inverse: Vec3, reach: f32) -> Option<f32> {
     let t0 = (Vec3::from(low) - origin) * inverse;
