@@ -201,7 +201,8 @@ fn grate() -> Vec<Corners> {
     let turned = DMat3::from_euler(EulerRot::XYZ, 0.01, 0.4, 0.3);
     let bars = (0..24).flat_map(|bar| {
         let (x, y) = (0.29 + 0.004 * f64::from(bar), 0.08 + 0.001 * f64::from(bar % 3));
-        let [a, b, c, d] = [(0.0, -0.44), (0.0, 0.37), (0.004, 0.37), (0.004, -0.44)].map(|(dx, z)| {
+        let width = if bar % 4 < 2 { 0.004 } else { 0.0004 };
+        let [a, b, c, d] = [(0.0, -0.44), (0.0, 0.37), (width, 0.37), (width, -0.44)].map(|(dx, z)| {
             let corner = DVec3::new(x + dx, y, z);
             if bar % 2 == 0 { corner } else { turned * corner }
         });
