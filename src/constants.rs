@@ -55,7 +55,8 @@ shared_constants! {
     CLOSEST_GROUPS = 3;
     /// The same in search of any hit, where a group that blocks spares all that follows.
     ANY_GROUPS = 2;
-    /// Most nodes of a wide BVH: a stack entry has 24 bits for one, and 8 for its children.
+    /// Most places for nodes of a wide BVH: a stack entry has 24 bits for that of a node's children, and 8 for which
+    /// of them are left.
     WIDE_MAX_NODES = 1 << 24;
     /// Most triangles of a list: a kernel has instructions for each of them. One under a power of 4,
     /// so that a list fits all scenes of a tuning's class of sizes or none.

@@ -4,9 +4,9 @@
 //
 // A node is four texels for four children, five for eight:
 //     origin of its grid (three floats), exponents of the grid's steps (three bytes)
-//     first child << 8 | octants of inner children, first triangle, meta of each child (8 bytes)
+//     place of children << 8, first triangle, meta of each child (8 bytes)
 //     low x, high x, low y, high y, low z, high z of four children (a byte each), then of the others
-// The meta of an inner child is 001 and WIDE_INNER_BIT + its octant (5 bits); that of a leaf its
+// An inner child is the node at the place of children + its octant. Its meta is 001 and WIDE_INNER_BIT + its octant (5 bits); that of a leaf its
 // triangles in unary (3 bits) and the first of them, from the node's first triangle on (5 bits).
 #ifndef WIDE_GLSL
 #define WIDE_GLSL
@@ -76,12 +76,13 @@ uint meet_four(uvec2 x, uvec2 y, uvec2 z, uint meta, GridRay ray, vec3 scale, ve
 
 // What the ray meets in a node: inner children from WIDE_INNER_BIT on, the nearest one highest, and
 // triangles from `first_triangle` on in the bits under it.
-uint meet_children(uint node, GridRay ray, float reach, out uint first_triangle) {
+uint meet_children(uint node, GridRay ray, float reach, out uint first_triangle, out uint children) {
     count_node();
     uvec4 grid = fetch_nodes(WIDE_TEXELS * node);
     uvec4 links = fetch_nodes(WIDE_TEXELS * node + 1u);
     uvec4 planes = fetch_nodes(WIDE_TEXELS * node + 2u);
     uvec4 more_planes = fetch_nodes(WIDE_TEXELS * node + 3u);
+    children = links.x;
     first_triangle = links.y;
     vec3 scale = uintBitsToFloat(((uvec3(grid.w) >> uvec3(0u, 8u, 16u)) & 255u) << 23) * ray.inverse;
     vec3 offset = (uintBitsToFloat(grid.xyz) - ray.origin) * ray.inverse;
@@ -96,11 +97,11 @@ uint meet_children(uint node, GridRay ray, float reach, out uint first_triangle)
     return hits;
 }
 
-// The child to visit next: the nearest of the `inner` children of `node` that the ray meets, or of
-// those that the stack remembers. A stack entry is a node and its children left.
-uint next_node(uint node, uint inner, uint octant, inout Stack stack) {
+// The child to visit next: the nearest of the `inner` children of a node that the ray meets, or of
+// those that the stack remembers. A stack entry is the place of a node's children, and which are left.
+uint next_node(uint children, uint inner, uint octant, inout Stack stack) {
     bool own = inner != 0u;
-    uint group = own ? (node << 8) | inner : stack.newer.x;
+    uint group = own ? children | inner : stack.newer.x;
     bool none = group == TRAVERSAL_DONE;
     group = none ? 1u : group;
     uint nearest = findMSB(group & 255u);
@@ -108,9 +109,7 @@ uint next_node(uint node, uint inner, uint octant, inout Stack stack) {
     bool left = (rest & 255u) != 0u;
     stack.newer.x = !own && left ? rest : stack.newer.x;
     update_stack(stack, own && left, !own && !left, rest);
-    uint links = fetch_nodes(WIDE_TEXELS * (group >> 8) + 1u).x;
-    uint child = (links >> 8) + bitCount(links & 255u & ((1u << (nearest ^ (octant & 7u))) - 1u));
-    return none ? NO_NODE : child;
+    return none ? NO_NODE : (group >> 8) + (nearest ^ (octant & 7u));
 }
 
 // Triangles that wait until enough lanes have some: in each group bits of those left to meet, from
@@ -148,10 +147,10 @@ uint take_triangle(inout Postponed triangles) {
 // stack wants balance.
 void find_triangles(inout uint node, inout Stack stack, inout Postponed triangles, GridRay grid, float reach, uint capacity) {
     while (!any_ray(is_full(triangles, capacity)) && node != NO_NODE && !is_unbalanced(stack)) {
-        uint first_triangle;
-        uint hits = meet_children(node, grid, reach, first_triangle);
+        uint first_triangle, children;
+        uint hits = meet_children(node, grid, reach, first_triangle, children);
         postpone(triangles, hits & ((1u << WIDE_INNER_BIT) - 1u), first_triangle);
-        node = next_node(node, met_by_any(hits >> WIDE_INNER_BIT), grid.octant, stack);
+        node = next_node(children, met_by_any(hits >> WIDE_INNER_BIT), grid.octant, stack);
     }
 }
 

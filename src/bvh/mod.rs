@@ -64,7 +64,7 @@ impl BvhKind {
         }
     }
 
-    /// Most nodes that references can address.
+    /// Most places for nodes that references can address.
     pub fn max_nodes(self) -> usize {
         match self {
             Self::List => 0,
@@ -88,8 +88,10 @@ pub struct Bvh {
     /// Its shape.
     pub kind: BvhKind,
     /// Inner nodes as the kernels read them, the root first. A tree of one leaf has a root with one
-    /// child; a list has no nodes.
+    /// child; a list has no nodes; between the nodes of a wide tree a few places are empty.
     pub texels: Vec<[u32; 4]>,
+    /// Inner nodes.
+    pub node_count: usize,
     /// For each place in leaf order, the index of the triangle in the input.
     pub order: Vec<u32>,
     /// Inner nodes on the longest way from the root to a leaf, at most 60 more than in a balanced
@@ -129,6 +131,7 @@ impl Bvh {
         let mut bvh = Self {
             kind,
             texels: Vec::new(),
+            node_count: 0,
             order: Vec::new(),
             depth: 0,
             leaf_count: 0,
@@ -148,6 +151,7 @@ impl Bvh {
         Self {
             kind: BvhKind::List,
             texels: Vec::new(),
+            node_count: 0,
             order: (0..triangles as u32).collect(),
             depth: 0,
             leaf_count: 1,
@@ -156,8 +160,8 @@ impl Bvh {
         }
     }
 
-    /// Nodes of the tree.
-    pub fn node_count(&self) -> usize {
+    /// Places for nodes, taken or empty.
+    pub fn node_places(&self) -> usize {
         self.texels.len() / self.kind.node_texels()
     }
 
@@ -186,6 +190,7 @@ impl Bvh {
             let mut root = Node { left, ..EMPTY };
             set_box(&mut root, Side::Left, &tree.nodes[0].aabb);
             self.texels = bytemuck::cast::<Node, [[u32; 4]; 4]>(root).to_vec();
+            self.node_count = 1;
             self.depth = 1;
             self.sah_cost = f64::from(tree.nodes[0].prim_count);
             return;
@@ -216,6 +221,7 @@ impl Bvh {
                 set_box(&mut nodes[parent], side, &node.aabb);
             }
         }
+        self.node_count = nodes.len();
         self.texels = bytemuck::cast_vec::<Node, [u32; 4]>(nodes);
     }
 

@@ -176,7 +176,7 @@ fn walk_wide(
 ) -> Work {
     let inverse = safe_inverse(ray.direction);
     let octant = (0..3).fold(0, |octant, axis| octant << 1 | u32::from(inverse[axis] >= 0.0));
-    // Nodes with inner children left to visit, a bit for each, the nearest one highest.
+    // Places of children of a node, and which of them are left to visit, a bit for each, the nearest one highest.
     let mut stack: Vec<(u32, u32)> = Vec::new();
     let mut next = Some(0);
     // Triangles that wait, and of how many nodes they are.
@@ -186,16 +186,15 @@ fn walk_wide(
         work.nodes += 1;
         let (inner, triangles) = meet_children(bvh, node, ray.origin, inverse, octant, reach_of(limit, inverse));
         if inner != 0 {
-            stack.push((node, inner));
+            stack.push((bvh.wide_node(node)[1][0] >> 8, inner));
         }
-        next = stack.pop().map(|(parent, children)| {
-            let nearest = children.ilog2();
-            let rest = children & !(1 << nearest);
+        next = stack.pop().map(|(children, left)| {
+            let nearest = left.ilog2();
+            let rest = left & !(1 << nearest);
             if rest != 0 {
-                stack.push((parent, rest));
+                stack.push((children, rest));
             }
-            let links = bvh.wide_node(parent)[1][0];
-            (links >> 8) + (links & 0xff & ((1 << (nearest ^ octant)) - 1)).count_ones()
+            children + (nearest ^ octant)
         });
         waiting += u32::from(!triangles.is_empty());
         postponed.extend(triangles);

@@ -26,10 +26,50 @@ const PARTS: usize = 128;
 struct Part {
     /// Texels of the nodes, the part's root first.
     texels: Vec<[u32; 4]>,
+    free: FreePlaces,
     order: Vec<u32>,
     depth: u32,
+    node_count: u32,
     leaf_count: u32,
     sah_cost: f64,
+}
+
+impl Part {
+    /// With a place for its root.
+    fn new(node_texels: usize) -> Self {
+        Self { texels: vec![[0; 4]; node_texels], free: FreePlaces { start: 0, taken: 1 }, ..Self::default() }
+    }
+}
+
+/// Places for nodes, of which those under `start` are taken or given up.
+///
+/// The children of a node stand as far apart as their octants do, so that the place of one follows from its octant and
+/// nothing else, and no kernel has to ask the node. Others' children fill the gaps. (Tarjan and Yao 1979, Storing a
+/// Sparse Table: rows that are displaced until their entries fall into gaps)
+#[derive(Default)]
+struct FreePlaces {
+    start: usize,
+    /// A bit for each place from `start` on, set where it is taken.
+    taken: u128,
+}
+
+impl FreePlaces {
+    /// Takes places for children in the octants that have a bit, and gives the place of octant 0.
+    fn take(&mut self, octants: u8) -> usize {
+        let wanted = (0..8).filter(|octant| octants & 1 << octant != 0);
+        // Bits where octant 0 may lie: there each child finds its place free.
+        let fits = wanted.fold(!0, |fits: u128, octant| fits & !self.taken >> octant);
+        let first = fits.trailing_zeros();
+        self.taken |= u128::from(octants) << first;
+        let place = self.start + first as usize;
+        // The gap of a lone child in octant 7 lies 7 places on. Further back all is taken; or gaps are given up for
+        // there to be room ahead, and so that children lie near each other.
+        let used = u128::BITS - self.taken.leading_zeros();
+        let passed = self.taken.trailing_ones().saturating_sub(7).max(used.saturating_sub(u128::BITS - 16));
+        self.start += passed as usize;
+        self.taken >>= passed;
+        place
+    }
 }
 
 /// A node of the binary tree that is to become a node of the wide one.
@@ -60,7 +100,7 @@ pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
     let node_texels = bvh.kind.node_texels();
     let width = bvh.kind.width() as usize;
     let collapse = Collapse { tree, choices: choices(tree, width), width, node_texels, root_area };
-    let mut top = Part { texels: vec![[0; 4]; node_texels], ..Part::default() };
+    let mut top = Part::new(node_texels);
     let mut level = vec![Open { source: 0, index: 0, level: 1 }];
     while !level.is_empty() && level.len() < PARTS {
         level = level.into_iter().flat_map(|open| collapse.node(&mut top, open)).flatten().collect();
@@ -76,6 +116,7 @@ pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
         node_count += part.texels.len() / node_texels - 1;
         triangle_count += part.order.len();
         top.depth = top.depth.max(part.depth);
+        top.node_count += part.node_count;
         top.leaf_count += part.leaf_count;
         top.sah_cost += part.sah_cost;
     }
@@ -94,7 +135,8 @@ pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
         top.order.extend_from_slice(&part.order);
     }
     (bvh.texels, bvh.order) = (top.texels, top.order);
-    (bvh.depth, bvh.leaf_count, bvh.sah_cost) = (top.depth, top.leaf_count, top.sah_cost);
+    (bvh.node_count, bvh.depth) = (top.node_count as usize, top.depth);
+    (bvh.leaf_count, bvh.sah_cost) = (top.leaf_count, top.sah_cost);
 }
 
 impl Collapse<'_> {
@@ -135,7 +177,7 @@ impl Collapse<'_> {
 
     /// All nodes from one of the binary tree on, depth first.
     fn subtree(&self, source: u32, level: u32) -> Part {
-        let mut part = Part { texels: vec![[0; 4]; self.node_texels], ..Part::default() };
+        let mut part = Part::new(self.node_texels);
         let mut open = vec![Open { source, index: 0, level }];
         while let Some(next) = open.pop() {
             open.extend(self.node(&mut part, next).into_iter().flatten());
@@ -143,15 +185,15 @@ impl Collapse<'_> {
         part
     }
 
-    /// Writes a node to its place, and gives its inner children places.
+    /// Writes a node to its place, and takes places for its inner children.
     fn node(&self, part: &mut Part, Open { source, index, level }: Open) -> [Option<Open>; WIDEST] {
         let tree = self.tree;
         let area_share = |aabb: &Aabb| f64::from(aabb.half_area()) / self.root_area;
         let node_box = &tree.nodes[source as usize].aabb;
         part.depth = part.depth.max(level);
+        part.node_count += 1;
         part.sah_cost += area_share(node_box);
         let mut node = NodeWriter::new(node_box, part.order.len() as u32);
-        node.first_child = (part.texels.len() / self.node_texels) as u32;
         let (children, count) = self.children(source);
         let (mut inner, mut inner_count) = ([0; WIDEST], 0);
         for &child in &children[..count] {
@@ -168,14 +210,18 @@ impl Collapse<'_> {
                 inner_count += 1;
             }
         }
-        // Inner children lie in the order of their octants, for a count of bits to find them.
+        let octants = place_children(tree, source, &inner[..inner_count]);
+        let taken = (0..).zip(octants).map(|(octant, child)| u8::from(child.is_some()) << octant);
+        let children = if inner_count > 0 { part.free.take(taken.sum()) } else { 0 };
+        node.children = children as u32;
         let mut opened = [None; WIDEST];
-        for (octant, child) in (0..).zip(place_children(tree, source, &inner[..inner_count])) {
+        for (octant, child) in octants.into_iter().enumerate() {
             if let Some(child) = child {
-                node.push_inner(&tree.nodes[child as usize].aabb, octant);
-                let index = part.texels.len() / self.node_texels;
-                opened[octant as usize] = Some(Open { source: child, index, level: level + 1 });
-                part.texels.resize(part.texels.len() + self.node_texels, [0; 4]);
+                node.push_inner(&tree.nodes[child as usize].aabb, octant as u32);
+                let index = children + octant;
+                opened[octant] = Some(Open { source: child, index, level: level + 1 });
+                let end = (index + 1) * self.node_texels;
+                part.texels.resize(part.texels.len().max(end), [0; 4]);
             }
         }
         part.texels[index * self.node_texels..][..self.node_texels].copy_from_slice(&node.texels()[..self.node_texels]);
@@ -367,10 +413,10 @@ struct NodeWriter {
     origin: Vec3,
     /// Exponents of the grid's steps, with the bias of an f32.
     exponents: [u32; 3],
-    first_child: u32,
-    inner_octants: u32,
+    /// Place of the child in octant 0, if it had one.
+    children: u32,
     first_triangle: u32,
-    children: usize,
+    pushed: usize,
     meta: [u8; 8],
     /// By axis: low and high planes of each child.
     planes: [[[u8; 8]; 2]; 3],
@@ -382,17 +428,15 @@ impl NodeWriter {
         Self {
             origin: low,
             exponents: std::array::from_fn(|axis| exponent(low[axis], high[axis])),
-            first_child: 0,
-            inner_octants: 0,
-            first_triangle,
             children: 0,
+            first_triangle,
+            pushed: 0,
             meta: [0; 8],
             planes: [[[0; 8]; 2]; 3],
         }
     }
 
     fn push_inner(&mut self, aabb: &Aabb, octant: u32) {
-        self.inner_octants |= 1 << octant;
         self.push(aabb, (1 << 5 | (WIDE_INNER_BIT + octant)) as u8);
     }
 
@@ -402,7 +446,7 @@ impl NodeWriter {
     }
 
     fn push(&mut self, aabb: &Aabb, meta: u8) {
-        self.meta[self.children] = meta;
+        self.meta[self.pushed] = meta;
         for axis in 0..3 {
             // A power of two, whose reciprocal is exact.
             let steps = 1.0 / step(self.exponents[axis]);
@@ -411,10 +455,10 @@ impl NodeWriter {
             let (low, high) = ((low - origin) * steps - ROUNDING, (high - origin) * steps + ROUNDING);
             // The cast cuts off the fraction and keeps within [0, 255].
             let below = high as u8;
-            self.planes[axis][0][self.children] = low as u8;
-            self.planes[axis][1][self.children] = below.saturating_add(u8::from(f64::from(below) < high));
+            self.planes[axis][0][self.pushed] = low as u8;
+            self.planes[axis][1][self.pushed] = below.saturating_add(u8::from(f64::from(below) < high));
         }
-        self.children += 1;
+        self.pushed += 1;
     }
 
     /// The layout of `wide.glsl`: five texels, of which four children need four.
@@ -423,7 +467,7 @@ impl NodeWriter {
         let mut words = [0; 20];
         words[..3].copy_from_slice(&self.origin.to_array().map(f32::to_bits));
         words[3] = x | y << 8 | z << 16;
-        words[4] = self.first_child << 8 | self.inner_octants;
+        words[4] = self.children << 8;
         words[5] = self.first_triangle;
         for four in 0..2 {
             let pack = |bytes: &[u8; 8]| u32::from_le_bytes(std::array::from_fn(|i| bytes[4 * four + i]));

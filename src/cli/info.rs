@@ -68,7 +68,7 @@ impl Report<'_> {
         writeln!(text, "environment      {}", environment(scene))?;
         writeln!(text, "bounds           {low} to {high}")?;
         let Bvh { depth, leaf_count, sah_cost, build_time, .. } = &prepared.bvh;
-        writeln!(text, "BVH nodes        {}, {}", prepared.bvh.node_count(), bvh_name(prepared.bvh.kind))?;
+        writeln!(text, "BVH nodes        {}, {}", prepared.bvh.node_count, bvh_name(prepared.bvh.kind))?;
         writeln!(
             text,
             "BVH leaves       {leaf_count}, {:.2} triangles each",
@@ -161,7 +161,7 @@ impl Report<'_> {
             "environment": environment(scene),
             "bounds": [low.to_array(), high.to_array()],
             "bvh": bvh_name(prepared.bvh.kind),
-            "bvh_nodes": prepared.bvh.node_count(),
+            "bvh_nodes": prepared.bvh.node_count,
             "bvh_leaves": leaf_count,
             "bvh_depth": depth,
             "bvh_sah_cost": sah_cost,

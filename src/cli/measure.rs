@@ -123,7 +123,7 @@ impl DeviceRenderer {
             height_pixels: settings.height,
             samples_per_pixel: settings.samples,
             triangles: prepared.triangles.len() as u64,
-            bvh_nodes: prepared.bvh.node_count() as u64,
+            bvh_nodes: prepared.bvh.node_count as u64,
         };
         self.scene = Some(open);
         Ok(facts)

@@ -254,7 +254,7 @@ impl Report<'_> {
             "gpu_seconds": statistics.gpu_seconds,
             "kernels": kernels,
             "triangles": self.prepared.triangles.len(),
-            "bvh_nodes": self.prepared.bvh.node_count(),
+            "bvh_nodes": self.prepared.bvh.node_count,
             "bvh_build_seconds": self.prepared.bvh.build_time.as_secs_f64(),
             "device_memory_bytes": statistics.memory_bytes,
             "mean_radiance": mean.mean.to_array(),

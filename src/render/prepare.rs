@@ -240,7 +240,7 @@ impl PreparedScene {
             return Err(PrepareError::TooManyListed(corners.len()));
         }
         let bvh = Bvh::build(kind, &corners);
-        let (nodes, max) = (bvh.node_count(), kind.max_nodes());
+        let (nodes, max) = (bvh.node_places(), kind.max_nodes());
         if nodes > max {
             return Err(PrepareError::TooManyNodes { nodes, max });
         }

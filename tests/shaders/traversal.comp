@@ -29,9 +29,9 @@ uint deepest_wide_stack(Ray ray) {
     uint deepest = 0u;
     uint node = 0u;
     while (node != NO_NODE) {
-        uint first_triangle;
-        uint hits = meet_children(node, grid, FARTHEST, first_triangle);
-        node = next_node(node, met_by_any(hits >> WIDE_INNER_BIT), grid.octant, stack);
+        uint first_triangle, children;
+        uint hits = meet_children(node, grid, FARTHEST, first_triangle, children);
+        node = next_node(children, met_by_any(hits >> WIDE_INNER_BIT), grid.octant, stack);
         balance_stack(stack);
         deepest = max(deepest, entries(stack));
     }
