@@ -32,7 +32,7 @@ uint descend(uint current, vec3 origin, vec3 inverse, float reach, inout Stack s
     uint far = left_is_near ? right_low.w : left_low.w;
     bool both = left >= 0.0 && right >= 0.0;
     bool neither = left < 0.0 && right < 0.0;
-    uint newest = update_stack(stack, both, neither, far);
+    uint newest = update_stack(stack, int(both) - int(neither), far);
     return neither ? newest : near;
 }
 
@@ -44,7 +44,7 @@ uint leaf_first(uint leaf) { return leaf & ((1u << LEAF_COUNT_SHIFT) - 1u); }
 // the stack to be balanced.
 uint leave_leaf(uint current, inout Stack stack) {
     bool leaf = is_leaf(current);
-    uint newest = update_stack(stack, false, leaf, 0u);
+    uint newest = update_stack(stack, -int(leaf), 0u);
     return leaf ? newest : current;
 }
 

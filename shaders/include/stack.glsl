@@ -26,9 +26,11 @@ Stack empty_stack() { return Stack(uvec4(TRAVERSAL_DONE), uvec4(TRAVERSAL_DONE),
 
 uint block_place(uint block) { return block * frame.path_capacity + gl_GlobalInvocationID.x; }
 
-// Whether the stack has no room for a push in registers, or nothing there for a pop.
+// Whether the stack has no room for a push in registers, or nothing there for a pop while memory has something. In one
+// comparison, which are dear on software devices: where an entry is missing, the difference wraps.
 bool is_unbalanced(Stack stack) {
-    return STACK_SPILLS && (stack.count == STACK_REGISTERS || (stack.count == 0u && stack.blocks > 0u));
+    uint least = min(stack.blocks, 1u);
+    return STACK_SPILLS && stack.count - least >= STACK_REGISTERS - least;
 }
 
 // Makes room for a push, and brings back what a pop will need.
@@ -45,13 +47,14 @@ void balance_stack(inout Stack stack) {
     }
 }
 
-// Pushes `entry` if `pushes`, or pops and yields the newest entry if `pops`; not both. The stack is
-// balanced before.
-uint update_stack(inout Stack stack, bool pushes, bool pops, uint entry) {
+// Pushes `entry` (a change of 1), pops the newest entry (-1), or does neither (0), and yields what was the newest. The
+// stack is balanced before.
+uint update_stack(inout Stack stack, int change, uint entry) {
     if (STACK_SPILLS) {
-        stack.count += pushes ? 1u : 0u;
-        stack.count -= pops && stack.count > 0u ? 1u : 0u;
+        stack.count = uint(max(int(stack.count) + change, 0));
     }
+    bool pushes = change > 0;
+    bool pops = change < 0;
     uint popped = stack.newer.x;
     uvec4 pushed_newer = uvec4(entry, stack.newer.xyz);
     uvec4 pushed_older = uvec4(stack.newer.w, stack.older.xyz);

@@ -64,7 +64,7 @@ uint meet_four(uvec2 x, uvec2 y, uvec2 z, uint meta, GridRay ray, vec3 scale, ve
     vec4 far_z = bytes(ray.backwards.z ? z.x : z.y) * scale.z + far.z;
     vec4 enter = greater(greater(near_x, near_y), greater(near_z, vec4(0.0)));
     vec4 leave = lesser(lesser(far_x, far_y), lesser(far_z, vec4(reach)));
-    bvec4 met = lessThanEqual(enter, leave * SLAB_SLACK);
+    bvec4 met = lessThanEqual(enter, leave);
 
     // In each byte: whether the child is inner, the place of its lowest bit, its bits.
     uint inner = (((meta & (meta << 1)) & 0x10101010u) >> 4) * 0xffu;
@@ -102,14 +102,13 @@ uint meet_children(uint node, GridRay ray, float reach, out uint first_triangle,
 uint next_node(uint children, uint inner, uint octant, inout Stack stack) {
     bool own = inner != 0u;
     uint group = own ? children | inner : stack.newer.x;
-    bool none = group == TRAVERSAL_DONE;
-    group = none ? 1u : group;
     uint nearest = findMSB(group & 255u);
     uint rest = group & ~(1u << nearest);
     bool left = (rest & 255u) != 0u;
+    // A walk that ends here leaves an entry that nobody will ask for.
     stack.newer.x = !own && left ? rest : stack.newer.x;
-    update_stack(stack, own && left, !own && !left, rest);
-    return none ? NO_NODE : (group >> 8) + (nearest ^ (octant & 7u));
+    update_stack(stack, int(own) + int(left) - 1, rest);
+    return group == TRAVERSAL_DONE ? NO_NODE : (group >> 8) + (nearest ^ (octant & 7u));
 }
 
 // Triangles that wait until enough lanes have some: in each group bits of those left to meet, from

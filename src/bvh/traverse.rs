@@ -231,7 +231,7 @@ fn meet_children(bvh: &Bvh, node: u32, origin: Vec3, inverse: Vec3, octant: u32,
         let leaves = Vec3::from_array(std::array::from_fn(|a| plane(a, !backwards(a)) * scale[a] + far[a]));
         let enter = enters.x.max(enters.y).max(enters.z.max(0.0));
         let leave = leaves.x.min(leaves.y).min(leaves.z.min(reach));
-        if enter <= leave * SLAB_SLACK {
+        if enter <= leave {
             let is_inner = u32::from(meta & 0x1f) >= WIDE_INNER_BIT;
             let place = u32::from(meta & 0x1f) ^ if is_inner { octant } else { 0 };
             hits |= u32::from(meta >> 5) << place;

@@ -46,7 +46,7 @@ uint deepest_binary_stack(Ray ray) {
         if (is_inner(current)) {
             current = descend(current, ray.origin, safe_inverse(ray.direction), FARTHEST, stack);
         } else {
-            current = update_stack(stack, false, true, 0u);
+            current = update_stack(stack, -1, 0u);
         }
         balance_stack(stack);
         deepest = max(deepest, entries(stack));
