@@ -9,7 +9,7 @@
 #include "specialization.glsl"
 #include "bindings_scene.glsl"
 
-// Blocks that left the registers: block `b` of an invocation lies at b * path_capacity + invocation.
+// Blocks that left the registers: the first ones of all invocations of the launch, the second ones, and so on.
 layout(set = 1, binding = 11, std430) buffer StackBlocks { uvec4 entries[]; } stack_blocks;
 
 const bool STACK_SPILLS = STACK_SIZE > STACK_REGISTERS;
@@ -24,7 +24,7 @@ struct Stack {
 // An empty stack yields TRAVERSAL_DONE.
 Stack empty_stack() { return Stack(uvec4(TRAVERSAL_DONE), uvec4(TRAVERSAL_DONE), 0u, 0u); }
 
-uint block_place(uint block) { return block * frame.path_capacity + gl_GlobalInvocationID.x; }
+uint block_place(uint block) { return block * gl_NumWorkGroups.x * gl_WorkGroupSize.x + gl_GlobalInvocationID.x; }
 
 // Whether the stack has no room for a push in registers, or nothing there for a pop while memory has something. In one
 // comparison, which are dear on software devices: where an entry is missing, the difference wraps.

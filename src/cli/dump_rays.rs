@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use indicatif::HumanCount;
 
 use crate::rays::{Metadata, RayClass, RayDump, RayOrder, RayScene, RecordLayout, write_distances, write_triangles};
-use crate::render::{PreparedScene, Session, distances};
+use crate::render::{PreparedScene, Scheduler, Session, distances};
 use crate::scene::Scene;
 
 use super::picture::{PictureArguments, integrator_name};
@@ -73,7 +73,9 @@ pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
         }
     }
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
-    let settings = arguments.picture.settings(&scene)?;
+    let mut settings = arguments.picture.settings(&scene)?;
+    // The megakernel has no queues to take rays from.
+    settings.scheduler.get_or_insert(Scheduler::Wavefront);
     let prepared = PreparedScene::new(&scene)?;
     let device = arguments.picture.open_device()?;
     let mut session = Session::new(&device, &prepared, &settings)?;

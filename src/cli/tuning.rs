@@ -17,7 +17,7 @@ use super::picture::{BvhName, FetchName, bvh_name, fetch_name};
 use super::{cache_folder, write_text};
 use crate::gpu::DeviceDescription;
 use crate::rays::RayClass;
-use crate::render::{Fetch, Packets, Scheduler, Settings, Statistics, Traversal};
+use crate::render::{Fetch, Packets, SceneLevels, Scheduler, Settings, Statistics, Traversal};
 use crate::scene::Scene;
 
 /// How to trace rays, by class; of no class where nothing is tuned.
@@ -119,12 +119,16 @@ impl Tuning {
     /// not. The workgroup was measured with the wavefront's kernels, and is for them alone.
     pub fn apply(&self, settings: &mut Settings, software: bool, lanes: u32) {
         let Some(Traversal { bvh, fetch, workgroup_size, .. }) = self.shared() else { return };
-        let wavefront = settings.scheduler_for(software, lanes, settings.bvh.unwrap_or(bvh)) == Scheduler::Wavefront;
+        let wavefront = settings.scheduler_for(software, lanes, SceneLevels::default()) == Scheduler::Wavefront;
         let workgroup = wavefront && settings.workgroup_size.is_none();
-        settings.tuned = workgroup || settings.bvh.is_none() || settings.fetch.is_none() || settings.packets.is_none();
+        // Where no class is faster in packets nothing is said of them: it would ask for queues.
+        let packets = settings.packets.is_none() && self.packets() != Packets::default();
+        settings.tuned = workgroup || packets || settings.bvh.is_none() || settings.fetch.is_none();
         settings.bvh.get_or_insert(bvh);
         settings.fetch.get_or_insert(fetch);
-        settings.packets.get_or_insert(self.packets());
+        if packets {
+            settings.packets = Some(self.packets());
+        }
         if workgroup {
             settings.workgroup_size = Some(workgroup_size);
         }

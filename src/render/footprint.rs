@@ -56,7 +56,7 @@ impl Footprint {
         let constants = needs.specialization(settings, &plan, scene.bvh.kind);
         let mut bound = HashSet::new();
         let mut instructions = Vec::new();
-        let scheduler = settings.scheduler_for(false, 32, scene.bvh.kind);
+        let scheduler = settings.scheduler_for(false, 32, scene.levels());
         for name in kernels(scheduler, settings, needs) {
             let kernel = shaders::kernel(name).variant(Edition::Exact, access).specialize(&constants);
             bound.extend(kernel.bindings.iter().map(|binding| binding.name));

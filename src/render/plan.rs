@@ -18,11 +18,13 @@ pub struct DeviceLimits {
     pub software: bool,
 }
 
-/// Levels of a scene's trees, which kernels take in loops.
+/// What kernels take of a scene in loops: levels of its trees.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SceneLevels {
     /// Of the BVH; 0 if it is a list.
     pub bvh: u32,
+    /// Nodes and triangles of the BVH that a random ray meets, by its SAH; 0 if it is a list.
+    pub bvh_tests: u32,
     /// Of the halves that a texel of the environment is found by; 0 without an image.
     pub sky: u32,
 }
@@ -41,7 +43,7 @@ pub struct Plan {
     pub path_capacity: u32,
     /// Invocations of a workgroup.
     pub workgroup_size: u32,
-    /// Paths that an invocation of the megakernel follows one after the other.
+    /// Paths that an invocation follows one after the other: 1 but for the megakernel.
     pub paths_per_invocation: u32,
 }
 
@@ -84,8 +86,9 @@ impl Plan {
     /// Paths in flight where the user does not say: enough to keep every core busy between two
     /// dispatches, few enough for the caches of a software device.
     const SOFTWARE_PATHS: u32 = 1 << 18;
-    /// Those of the megakernel where it has no traversal stack either: a path in flight is its radiance
-    /// alone, and a launch of so long a kernel costs lavapipe some milliseconds.
+    /// Those of the megakernel, where a path in flight is its radiance alone, and the launch of so long a kernel costs
+    /// lavapipe some milliseconds: with a tree, and with a list, which is faster.
+    const SOFTWARE_FOLLOWED_PATHS: u32 = 1 << 20;
     const SOFTWARE_LISTED_PATHS: u32 = 1 << 22;
     const HARDWARE_PATHS: u32 = 1 << 21;
     /// Bytes of the film of a tile, where the image is more than one: enough pixels to keep any
@@ -116,6 +119,7 @@ impl Plan {
         let workgroup_size = settings.workgroup_size.unwrap_or(256).min(device.max_workgroup_size);
         let wanted = settings.in_flight.unwrap_or(match (device.software, scheduler, levels.bvh) {
             (true, Scheduler::Megakernel, 0) => Self::SOFTWARE_LISTED_PATHS,
+            (true, Scheduler::Megakernel, _) => Self::SOFTWARE_FOLLOWED_PATHS,
             (true, ..) => Self::SOFTWARE_PATHS,
             (false, ..) => Self::HARDWARE_PATHS,
         });
@@ -123,11 +127,13 @@ impl Plan {
         let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES;
         let useful = pixels * u64::from(settings.samples.min(Self::SAMPLES_AT_ONCE));
         let path_capacity = u64::from(wanted.max(1)).min(by_dispatch).min(by_buffer).min(useful) as u32;
-        let paths_per_invocation = settings.paths_per_invocation.unwrap_or(if device.software {
-            (path_capacity / Self::SOFTWARE_INVOCATIONS).clamp(1, Self::safe_paths_per_invocation(settings, levels))
-        } else {
-            1
-        });
+        let paths_per_invocation = match (scheduler, settings.paths_per_invocation) {
+            (Scheduler::Megakernel, Some(paths)) => paths,
+            (Scheduler::Megakernel, None) if device.software => {
+                (path_capacity / Self::SOFTWARE_INVOCATIONS).clamp(1, Self::safe_paths_per_invocation(settings, levels))
+            }
+            _ => 1,
+        };
         Self { width, height, tile_rows, path_capacity, workgroup_size, paths_per_invocation }
     }
 
@@ -141,10 +147,13 @@ impl Plan {
     }
 
     /// As many paths as stay within the turns of the loops: each vertex has two rays, and a ray was
-    /// seen to take three turns a level at most; and a light sample, which takes one a level of the sky.
-    fn safe_paths_per_invocation(settings: &Settings, levels: SceneLevels) -> u32 {
+    /// seen to take three turns a level at most, where boxes overlap much some for each test that the SAH
+    /// expects; and a light sample, which takes one a level of the sky.
+    pub(super) fn safe_paths_per_invocation(settings: &Settings, levels: SceneLevels) -> u32 {
         let vertices = settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1));
-        let turns = vertices.saturating_mul(2 * 4 * levels.bvh.max(1) + levels.sky + settings.shading_cost);
+        let ray = (4 * levels.bvh.max(1)).max(levels.bvh_tests.saturating_mul(3));
+        let vertex = ray.saturating_mul(2).saturating_add(levels.sky).saturating_add(settings.shading_cost);
+        let turns = vertices.saturating_mul(vertex);
         (Self::LOOP_TURNS / turns).max(1)
     }
 
@@ -153,11 +162,19 @@ impl Plan {
     pub fn of_replay(settings: &Settings, device: &DeviceLimits, rays: u64, stack_bytes: u64) -> Self {
         let workgroup_size = settings.workgroup_size.unwrap_or(256).min(device.max_workgroup_size);
         let by_dispatch = u64::from(device.max_workgroups) * u64::from(workgroup_size);
+        // Whole workgroups, as each of their invocations has a stack.
         let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES.max(stack_bytes);
+        let by_buffer = by_buffer - by_buffer % u64::from(workgroup_size);
         let wanted = u64::from(settings.in_flight.unwrap_or(Self::REPLAYED_RAYS));
         let path_capacity = wanted.min(by_dispatch).min(by_buffer).min(rays).max(1) as u32;
         // There is no film.
         Self { width: 0, height: 0, tile_rows: 0, path_capacity, workgroup_size, paths_per_invocation: 1 }
+    }
+
+    /// Traversal stacks in use at once, at most: one for each invocation of a launch.
+    pub fn stacks(&self) -> u64 {
+        let invocations = self.path_capacity.div_ceil(self.paths_per_invocation);
+        u64::from(self.groups(invocations)) * u64::from(self.workgroup_size)
     }
 
     /// Workgroups that cover `items` invocations.
@@ -211,7 +228,7 @@ mod tests {
     use crate::scene::{Integrator, Sampler};
     use proptest::prelude::*;
 
-    const LEVELS: SceneLevels = SceneLevels { bvh: 8, sky: 0 };
+    const LEVELS: SceneLevels = SceneLevels { bvh: 8, bvh_tests: 0, sky: 0 };
 
     const DEVICE: DeviceLimits = DeviceLimits {
         max_workgroup_size: 1024,
@@ -298,7 +315,7 @@ mod tests {
         assert_eq!(capacity(Some(64), &DEVICE, 1000, 0), 64);
         assert_eq!(capacity(None, &DEVICE, u64::MAX, 0), Plan::REPLAYED_RAYS);
         assert_eq!(capacity(Some(u32::MAX), &DEVICE, u64::MAX, 0), (1 << 27) / STATE_BYTES as u32);
-        assert_eq!(capacity(None, &DEVICE, u64::MAX, 96), (1 << 27) / 96);
+        assert_eq!(capacity(None, &DEVICE, u64::MAX, 96), (1 << 27) / 96 / 256 * 256);
         let narrow = DeviceLimits { max_workgroups: 100, ..DEVICE };
         assert_eq!(capacity(None, &narrow, u64::MAX, 96), 100 * 256);
     }
@@ -316,11 +333,16 @@ mod tests {
             let settings = Settings { max_bounces, ..settings(1024, 1024, 16, None) };
             Plan::new(&settings, Scheduler::Megakernel, levels, &DEVICE)
         };
-        let paths = |max_bounces| plan(max_bounces, SceneLevels { bvh: 40, sky: 0 }).paths_per_invocation;
-        assert_eq!([Some(8), Some(50), None].map(paths), [16, 4, 1]);
-        assert_eq!(plan(Some(50), SceneLevels { bvh: 40, sky: 10 }).paths_per_invocation, 3);
+        let deep = SceneLevels { bvh: 40, ..SceneLevels::default() };
+        let paths = |max_bounces| plan(max_bounces, deep).paths_per_invocation;
+        assert_eq!([Some(8), Some(50), None].map(paths), [22, 4, 1]);
+        assert_eq!(plan(Some(50), SceneLevels { sky: 10, ..deep }).paths_per_invocation, 3);
+        assert_eq!(plan(Some(8), SceneLevels { bvh_tests: 400, ..deep }).paths_per_invocation, 3);
         let listed = plan(Some(8), SceneLevels::default());
         assert_eq!((listed.path_capacity, listed.paths_per_invocation), (1 << 22, 256));
+        // A stack for each invocation, in whole workgroups.
+        let deep = plan(Some(8), deep);
+        assert_eq!((deep.path_capacity, deep.stacks()), (1 << 20, (1_u64 << 20).div_ceil(22).next_multiple_of(256)));
         // A small image has an invocation for each path.
         let small = Plan::new(&settings(64, 64, 1, None), Scheduler::Megakernel, SceneLevels::default(), &DEVICE);
         assert_eq!(small.paths_per_invocation, 1);

@@ -335,7 +335,9 @@ impl PreparedScene {
     /// Levels that kernels go down.
     pub fn levels(&self) -> SceneLevels {
         let sky = self.frame.environment_width.max(self.frame.environment_height).max(1);
-        SceneLevels { bvh: self.bvh.depth, sky: sky.next_power_of_two().ilog2() }
+        let listed = self.bvh.kind == BvhKind::List;
+        let bvh_tests = if listed { 0 } else { self.bvh.sah_cost.ceil() as u32 };
+        SceneLevels { bvh: self.bvh.depth, bvh_tests, sky: sky.next_power_of_two().ilog2() }
     }
 
     /// Entries of the traversal stack: each inner node on the way down leaves one at most. Of a wide
@@ -455,14 +457,14 @@ impl Needs {
         constants
     }
 
-    /// Bytes of the traversal stacks of `paths` at once, beyond what stays in registers.
-    pub fn stack_bytes(&self, paths: u32) -> u64 {
+    /// Bytes of so many traversal stacks, beyond what stays in registers.
+    pub fn stack_bytes(&self, stacks: u64) -> u64 {
         // Full registers give a block away before they are asked for room.
         let blocks = match self.stack_size.checked_sub(STACK_REGISTERS) {
             None | Some(0) => 0,
             Some(rest) => 1 + rest / STACK_BLOCK,
         };
-        u64::from(blocks) * u64::from(paths) * u64::from(4 * STACK_BLOCK)
+        u64::from(blocks) * stacks * u64::from(4 * STACK_BLOCK)
     }
 }
 

@@ -201,7 +201,7 @@ impl Session {
     ) -> Result<Self, RenderError> {
         let limits = limits(device);
         let max_film_bytes = options.film_bytes.unwrap_or(limits.max_film_bytes);
-        let scheduler = settings.scheduler_for(limits.software, device.description().subgroup_size, scene.bvh.kind);
+        let scheduler = settings.scheduler_for(limits.software, device.description().subgroup_size, scene.levels());
         let plan = Plan::new(settings, scheduler, scene.levels(), &DeviceLimits { max_film_bytes, ..limits });
         let needs = scene.needs(settings);
         let executor = open_executor(device, scene, settings, &plan, &kernels(scheduler, settings, &needs), options)?;
@@ -531,7 +531,7 @@ pub fn scene_buffers<'a>(
     std::iter::once(uniform).chain(scene.buffers(settings.specialize).into_iter().map(data))
 }
 
-/// Buffers with a record for each path in flight: bytes of a record.
+/// Buffers with a record for each path in flight, or of stacks for each invocation: bytes of a record.
 pub(super) fn path_records(sort: Sort, needs: &Needs) -> [(&'static str, u64); 11] {
     [
         // Two halves, but for paths that go on nowhere.
@@ -552,9 +552,9 @@ pub(super) fn path_records(sort: Sort, needs: &Needs) -> [(&'static str, u64); 1
 /// Buffers of the paths in flight and of the film.
 fn path_buffers<'a>(plan: &Plan, sort: Sort, needs: &Needs) -> impl Iterator<Item = BufferRole<'a>> {
     let state = |name, size| BufferRole { name, usage: BufferUse::State, size, contents: None };
-    let slots = u64::from(plan.path_capacity);
+    let records_of = |name| if name == "stack_blocks" { plan.stacks() } else { u64::from(plan.path_capacity) };
     // Kernels that do not sort bind one entry of the sorted queue, and never read it.
-    let records = path_records(sort, needs).map(|(name, bytes)| state(name, (bytes * slots).max(16)));
+    let records = path_records(sort, needs).map(|(name, bytes)| state(name, (bytes * records_of(name)).max(16)));
     let shared = [
         state("control", size_of::<Control>() as u64),
         state("bins", size_of::<Bins>() as u64),

@@ -60,7 +60,7 @@ impl Bench {
         let probe_buffers = [
             state("probe_inputs", input_bytes.len() as u64, Some(input_bytes)),
             state("probe_outputs", output_size as u64, None),
-            state("stack_blocks", self.scene.needs(&self.settings).stack_bytes(items).max(16), None),
+            state("stack_blocks", self.scene.needs(&self.settings).stack_bytes(plan.stacks()).max(16), None),
         ];
         let description = ExecutorDescription {
             kernels: &[kernel],
