@@ -6,6 +6,9 @@
 #include "stack.glsl"
 #include "work.glsl"
 
+// Widens a slab interval over its own rounding. (Ize 2013, Robust BVH Ray Traversal)
+const float SLAB_SLACK = 1.0000008;
+
 // Where the ray enters the box, or a negative number if it misses it before `reach`.
 float enter_box(vec3 low, vec3 high, vec3 origin, vec3 inverse, float reach) {
     vec3 a = (low - origin) * inverse;

@@ -7,9 +7,6 @@ vec3 safe_inverse(vec3 d) {
     return 1.0 / mix(d, mix(vec3(-1e-20), vec3(1e-20), greaterThanEqual(d, vec3(0.0))), lessThan(abs(d), vec3(1e-20)));
 }
 
-// Widens a slab interval over its own rounding. (Ize 2013, Robust BVH Ray Traversal)
-const float SLAB_SLACK = 1.0000008;
-
 // min and max of bits, one instruction each: the built-ins carry a rule for NaN, which no box has.
 // Of two negative numbers they give the wrong one. That does not show: where a box is entered behind
 // the origin is 0, and a box that is left behind it is missed.

@@ -6,8 +6,9 @@
 //     origin of its grid (three floats), exponents of the grid's steps (three bytes)
 //     place of children << 8, first triangle, meta of each child (8 bytes)
 //     low x, high x, low y, high y, low z, high z of four children (a byte each), then of the others
-// An inner child is the node at the place of children + its octant. Its meta is 001 and WIDE_INNER_BIT + its octant (5 bits); that of a leaf its
-// triangles in unary (3 bits) and the first of them, from the node's first triangle on (5 bits).
+// An inner child is the node at the place of children + its octant. Its meta is 001 and WIDE_INNER_BIT +
+// its octant (5 bits); that of a leaf its triangles in unary (3 bits) and the first of them, from the node's
+// first triangle on (5 bits).
 #ifndef WIDE_GLSL
 #define WIDE_GLSL
 #include "intersect.glsl"

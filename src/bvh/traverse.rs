@@ -89,7 +89,7 @@ fn safe_inverse(d: Vec3) -> Vec3 {
     )
 }
 
-/// As in `slab.glsl`.
+/// As in `binary.glsl`.
 const SLAB_SLACK: f32 = 1.000_000_8;
 /// As in `slab.glsl`.
 const LIMIT_SLACK: f32 = 1.0 + 1.0 / 65_536.0;

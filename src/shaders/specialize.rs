@@ -225,3 +225,36 @@ fn remove(module: &mut Module, variable: u32) {
         entry.operands.retain(|operand| operand.id_ref_any() != Some(variable));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shaders::KERNELS;
+
+    #[test]
+    fn loops_begin_without_phis_and_continue_blocks_without_stores() {
+        let mut loops = 0;
+        for variant in KERNELS.iter().flat_map(|kernel| kernel.variants) {
+            let words: Vec<u32> = bytemuck::pod_collect_to_vec(variant.spirv);
+            let module = rspirv::dr::load_words(&words).expect("build.rs has read this SPIR-V");
+            for function in &module.functions {
+                let blocks: HashMap<u32, &Block> = function.blocks.iter().map(|block| (label(block), block)).collect();
+                for head in &function.blocks {
+                    let Some(merge) = head.instructions.iter().find(|i| i.class.opcode == Op::LoopMerge) else {
+                        continue;
+                    };
+                    loops += 1;
+                    assert!(head.instructions.iter().all(|i| i.class.opcode != Op::Phi));
+                    let code =
+                        &blocks[&merge.operands[1].id_ref_any().expect("a loop has a continue block")].instructions;
+                    let does = |op| code.iter().any(|i| i.class.opcode == op);
+                    // What else is in a continue block, as a step to the next number, may be stored there.
+                    let only_stores =
+                        code.iter().all(|i| matches!(i.class.opcode, Op::Store | Op::Line | Op::NoLine | Op::Branch));
+                    assert!(!(does(Op::Store) && only_stores));
+                }
+            }
+        }
+        assert!(loops > 100, "kernels have loops");
+    }
+}
