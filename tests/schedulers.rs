@@ -156,12 +156,20 @@ fn kernels_add_up_to_the_time_of_their_command_buffers() {
             shadow_rays,
             ..Settings::of(&scene)
         };
-        let statistics = render_on(&device, &scene, &settings).statistics;
-        let whole = statistics.gpu_seconds;
-        let sum: f64 = statistics.kernels().values().map(|time| time.seconds).sum();
-        assert!(whole > 0.0, "{scheduler:?}: the tests' drivers have clocks");
-        assert!(whole <= statistics.wall_time.as_secs_f64(), "{scheduler:?}: command buffers run within the render");
-        // Below 1: the barriers at both ends take time too, and more where other programs get the processor there.
-        assert!((0.5..1.0).contains(&(sum / whole)), "{scheduler:?}: kernels {sum} s, command buffers {whole} s");
+        // Below 1: the barriers at both ends take time too. Where another program gets the processor there it may be
+        // any time, so one of some renders is to tell.
+        let shares = std::iter::repeat_with(|| {
+            let statistics = render_on(&device, &scene, &settings).statistics;
+            let whole = statistics.gpu_seconds;
+            let sum: f64 = statistics.kernels().values().map(|time| time.seconds).sum();
+            assert!(whole > 0.0, "{scheduler:?}: the tests' drivers have clocks");
+            assert!(
+                whole <= statistics.wall_time.as_secs_f64(),
+                "{scheduler:?}: command buffers run within the render"
+            );
+            assert!(sum < whole, "{scheduler:?}: kernels {sum} s, command buffers {whole} s");
+            sum / whole
+        });
+        assert!(shares.take(8).any(|share| share >= 0.95), "{scheduler:?}: the kernels' times do not add up");
     }
 }

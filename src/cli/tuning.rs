@@ -119,6 +119,7 @@ impl Tuning {
     /// not. The workgroup was measured with the wavefront's kernels, and is for them alone.
     pub fn apply(&self, settings: &mut Settings, software: bool, lanes: u32) {
         let Some(Traversal { bvh, fetch, workgroup_size, .. }) = self.shared() else { return };
+        // Whether it is the wavefront does not depend on the scene.
         let wavefront = settings.scheduler_for(software, lanes, SceneLevels::default()) == Scheduler::Wavefront;
         let workgroup = wavefront && settings.workgroup_size.is_none();
         // Where no class is faster in packets nothing is said of them: it would ask for queues.
@@ -324,7 +325,7 @@ mod tests {
         for scheduler in [Scheduler::Bounce, Scheduler::Megakernel] {
             assert_eq!(apply(Settings { scheduler: Some(scheduler), ..open }), (bvh, fetch, None, true));
         }
-        // Software devices of eight lanes bounce where the user does not say.
+        // Software devices of eight lanes have another scheduler where the user does not say.
         assert_eq!(apply_on(open, true), (bvh, fetch, None, true));
         let wavefront = Settings { scheduler: Some(Scheduler::Wavefront), ..open };
         assert_eq!(apply_on(wavefront, true), (bvh, fetch, Some(64), true));

@@ -111,8 +111,15 @@ impl Plan {
     /// Turns of its loops that an invocation may take: lavapipe leaves them after 65 535.
     const LOOP_TURNS: u32 = 65_535;
 
-    /// Computes the sizes for a scene of those levels and settings that make sense.
-    pub fn new(settings: &Settings, scheduler: Scheduler, levels: SceneLevels, device: &DeviceLimits) -> Self {
+    /// Computes the sizes for a scene of those levels, with so many bytes of a traversal stack beyond registers, and
+    /// settings that make sense.
+    pub fn new(
+        settings: &Settings,
+        scheduler: Scheduler,
+        levels: SceneLevels,
+        stack_bytes: u64,
+        device: &DeviceLimits,
+    ) -> Self {
         let Settings { width, height, .. } = *settings;
         let tile_rows = Self::tile_rows(width, height, device);
         let pixels = u64::from(width) * u64::from(tile_rows);
@@ -123,10 +130,9 @@ impl Plan {
             (true, ..) => Self::SOFTWARE_PATHS,
             (false, ..) => Self::HARDWARE_PATHS,
         });
-        let by_dispatch = u64::from(device.max_workgroups) * u64::from(workgroup_size);
-        let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES;
         let useful = pixels * u64::from(settings.samples.min(Self::SAMPLES_AT_ONCE));
-        let path_capacity = u64::from(wanted.max(1)).min(by_dispatch).min(by_buffer).min(useful) as u32;
+        let most = Self::most_invocations(device, workgroup_size, stack_bytes);
+        let path_capacity = u64::from(wanted.max(1)).min(most).min(useful) as u32;
         let paths_per_invocation = match (scheduler, settings.paths_per_invocation) {
             (Scheduler::Megakernel, Some(paths)) => paths,
             (Scheduler::Megakernel, None) if device.software => {
@@ -161,14 +167,18 @@ impl Plan {
     /// does not fit the device's buffers or one dispatch follows in further launches.
     pub fn of_replay(settings: &Settings, device: &DeviceLimits, rays: u64, stack_bytes: u64) -> Self {
         let workgroup_size = settings.workgroup_size.unwrap_or(256).min(device.max_workgroup_size);
-        let by_dispatch = u64::from(device.max_workgroups) * u64::from(workgroup_size);
-        // Whole workgroups, as each of their invocations has a stack.
-        let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES.max(stack_bytes);
-        let by_buffer = by_buffer - by_buffer % u64::from(workgroup_size);
+        let most = Self::most_invocations(device, workgroup_size, stack_bytes);
         let wanted = u64::from(settings.in_flight.unwrap_or(Self::REPLAYED_RAYS));
-        let path_capacity = wanted.min(by_dispatch).min(by_buffer).min(rays).max(1) as u32;
+        let path_capacity = wanted.min(most).min(rays).max(1) as u32;
         // There is no film.
         Self { width: 0, height: 0, tile_rows: 0, path_capacity, workgroup_size, paths_per_invocation: 1 }
+    }
+
+    /// Most invocations of a launch whose state and stacks fit the device's buffers: whole workgroups, since each of
+    /// their invocations has a stack.
+    fn most_invocations(device: &DeviceLimits, workgroup_size: u32, stack_bytes: u64) -> u64 {
+        let by_buffer = device.max_storage_buffer_bytes / STATE_BYTES.max(stack_bytes);
+        u64::from(workgroup_size) * u64::from(device.max_workgroups).min(by_buffer / u64::from(workgroup_size))
     }
 
     /// Traversal stacks in use at once, at most: one for each invocation of a launch.
@@ -277,7 +287,7 @@ mod tests {
             width in 1..40_u32, height in 1..40_u32, samples in 1..20_u32, in_flight in 1..3000_u32, rows in 1..50_u32,
         ) {
             let device = DeviceLimits { max_film_bytes: u64::from(64 * width * rows), ..DEVICE };
-            let plan = Plan::new(&settings(width, height, samples, Some(in_flight)), Scheduler::Bounce, LEVELS, &device);
+            let plan = Plan::new(&settings(width, height, samples, Some(in_flight)), Scheduler::Bounce, LEVELS, 0, &device);
             prop_assert!(plan.film_bytes() <= device.max_film_bytes);
             let mut next = vec![0; plan.pixels() as usize];
             for tile in plan.tiles() {
@@ -299,10 +309,14 @@ mod tests {
 
     #[test]
     fn capacity_respects_the_device() {
-        let plan = Plan::new(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), Scheduler::Bounce, LEVELS, &DEVICE);
+        let plan = Plan::new(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), Scheduler::Bounce, LEVELS, 0, &DEVICE);
         assert_eq!(u64::from(plan.path_capacity), (1 << 27) / STATE_BYTES);
+        // A launch of the megakernel may have a stack for each path.
+        let endless = Settings { max_bounces: None, ..settings(1024, 1024, 16, None) };
+        let plan = Plan::new(&endless, Scheduler::Megakernel, LEVELS, 144, &DEVICE);
+        assert!(plan.paths_per_invocation == 1 && 144 * plan.stacks() <= 1 << 27);
         let narrow = DeviceLimits { max_workgroups: 100, ..DEVICE };
-        let plan = Plan::new(&settings(1024, 1024, 1, None), Scheduler::Bounce, LEVELS, &narrow);
+        let plan = Plan::new(&settings(1024, 1024, 1, None), Scheduler::Bounce, LEVELS, 0, &narrow);
         assert_eq!(plan.path_capacity, 100 * 256);
     }
 
@@ -322,7 +336,7 @@ mod tests {
 
     #[test]
     fn few_pixels_do_not_make_long_loops() {
-        let plan = Plan::new(&settings(2, 1, 1 << 20, None), Scheduler::Bounce, LEVELS, &DEVICE);
+        let plan = Plan::new(&settings(2, 1, 1 << 20, None), Scheduler::Bounce, LEVELS, 0, &DEVICE);
         let tile = plan.tiles().next().unwrap();
         assert!(plan.batches(tile, 0..1 << 20).all(|batch| batch.sample_count <= Plan::SAMPLES_AT_ONCE));
     }
@@ -331,7 +345,7 @@ mod tests {
     fn invocations_follow_as_many_paths_as_their_loops_allow() {
         let plan = |max_bounces, levels| {
             let settings = Settings { max_bounces, ..settings(1024, 1024, 16, None) };
-            Plan::new(&settings, Scheduler::Megakernel, levels, &DEVICE)
+            Plan::new(&settings, Scheduler::Megakernel, levels, 0, &DEVICE)
         };
         let deep = SceneLevels { bvh: 40, ..SceneLevels::default() };
         let paths = |max_bounces| plan(max_bounces, deep).paths_per_invocation;
@@ -344,14 +358,14 @@ mod tests {
         let deep = plan(Some(8), deep);
         assert_eq!((deep.path_capacity, deep.stacks()), (1 << 20, (1_u64 << 20).div_ceil(22).next_multiple_of(256)));
         // A small image has an invocation for each path.
-        let small = Plan::new(&settings(64, 64, 1, None), Scheduler::Megakernel, SceneLevels::default(), &DEVICE);
+        let small = Plan::new(&settings(64, 64, 1, None), Scheduler::Megakernel, SceneLevels::default(), 0, &DEVICE);
         assert_eq!(small.paths_per_invocation, 1);
     }
 
     #[test]
     fn only_a_film_over_the_limit_is_cut_into_tiles() {
         let tile_rows = |width, height, device| {
-            Plan::new(&settings(width, height, 1, None), Scheduler::Bounce, LEVELS, device).tile_rows
+            Plan::new(&settings(width, height, 1, None), Scheduler::Bounce, LEVELS, 0, device).tile_rows
         };
         assert_eq!(tile_rows(2048, 1024, &DEVICE), 1024);
         assert_eq!(tile_rows(2048, 1025, &DEVICE), 1024);

@@ -201,9 +201,10 @@ impl Session {
     ) -> Result<Self, RenderError> {
         let limits = limits(device);
         let max_film_bytes = options.film_bytes.unwrap_or(limits.max_film_bytes);
-        let scheduler = settings.scheduler_for(limits.software, device.description().subgroup_size, scene.levels());
-        let plan = Plan::new(settings, scheduler, scene.levels(), &DeviceLimits { max_film_bytes, ..limits });
-        let needs = scene.needs(settings);
+        let (levels, needs) = (scene.levels(), scene.needs(settings));
+        let scheduler = settings.scheduler_for(limits.software, device.description().subgroup_size, levels);
+        let limits = DeviceLimits { max_film_bytes, ..limits };
+        let plan = Plan::new(settings, scheduler, levels, needs.stack_bytes(1), &limits);
         let executor = open_executor(device, scene, settings, &plan, &kernels(scheduler, settings, &needs), options)?;
         Ok(Self {
             executor,
