@@ -3,7 +3,8 @@
 //!
 //! Each `NAME.comp` is compiled once for every [`Edition`] and every entry of [`ACCESSES`]. From the SPIR-V itself
 //! come the bindings, their access, the push-constant size and the block layouts that the tests
-//! compare with the Rust structs. Every shader error is reported before the build fails.
+//! compare with the Rust structs. Every shader error is reported before the build fails. Every arithmetic is tried on
+//! every kernel; the host puts one into a kernel when it builds it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -12,11 +13,21 @@ use std::{env, fs, process, thread};
 
 use rspirv::binary::Assemble;
 use rspirv::dr::{Block, Instruction, Module, Operand};
-use rspirv::spirv::{Decoration, Op, StorageClass};
+use rspirv::spirv::{BuiltIn, Decoration, Op, StorageClass};
 
 #[allow(dead_code, reason = "the build needs the list alone")]
 #[path = "src/constants.rs"]
 mod constants;
+
+#[allow(dead_code, reason = "the build tries every arithmetic and uses none")]
+#[path = "src/shaders/arithmetic.rs"]
+mod arithmetic;
+#[allow(dead_code, reason = "as above")]
+#[path = "src/shaders/link.rs"]
+mod link;
+
+use arithmetic::{Arithmetic, Form, Forms};
+use link::Library;
 
 /// How the builds of a kernel reach memory: it cannot be a specialization constant because it
 /// changes a descriptor's type or a required capability.
@@ -25,16 +36,18 @@ const ACCESSES: [&[&str]; 4] = [&[], &["TEXEL_FETCH"], &["SUBGROUP_BALLOT"], &["
 /// What a build of a kernel is for.
 #[derive(Clone, Copy, PartialEq)]
 enum Edition {
-    /// The driver may not contract arithmetic.
-    Exact,
-    /// It may.
-    FastMath,
-    /// Exact, with bindings and code that count the work.
+    /// To render.
+    Plain,
+    /// With bindings and code that count the work.
     Counting,
 }
 
 /// In the order of `shaders::Edition`.
-const EDITIONS: [Edition; 3] = [Edition::Exact, Edition::FastMath, Edition::Counting];
+const EDITIONS: [Edition; 2] = [Edition::Plain, Edition::Counting];
+
+/// Libraries of functions that the host puts in place of a kernel's operations, with the names of their statics.
+const LIBRARIES: [(&str, &str); 2] =
+    [("PORTABLE", "shaders/arithmetic/portable.glsl"), ("HOSTILE", "tests/shaders/hostile.glsl")];
 
 /// Kernels that are built from another's file: name, file and the macro that makes them what they are.
 const FORMS: [(&str, &str, &str); 4] = [
@@ -55,11 +68,19 @@ fn main() {
     let version = process::Command::new(env::var_os("RUSTC").expect("cargo sets RUSTC")).arg("--version").output();
     let version = version.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned());
     println!("cargo::rustc-env=RAYWAVE_RUSTC_VERSION={}", version.unwrap_or_default());
-    for source in ["shaders", PROBES, "src/constants.rs"] {
+    for source in ["shaders", PROBES, "src/constants.rs", "src/shaders/arithmetic.rs", "src/shaders/link.rs"] {
         println!("cargo::rerun-if-changed={source}");
     }
-    let kernels = Table::of("shaders", &EDITIONS, &out);
-    let probes = Table::of(PROBES, &[Edition::Exact], &out);
+    let [(portable, portable_entry), (hostile, hostile_entry)] = match compile_libraries(&out) {
+        Ok(libraries) => libraries,
+        Err(error) => {
+            eprintln!("{error}");
+            process::exit(1);
+        }
+    };
+    let libraries = [portable, hostile];
+    let kernels = Table::of("shaders", &EDITIONS, &libraries, &out);
+    let probes = Table::of(PROBES, &[Edition::Plain], &libraries, &out);
 
     let errors: Vec<_> = [&kernels, &probes].into_iter().flat_map(|table| &table.errors).cloned().collect();
     if !errors.is_empty() {
@@ -69,11 +90,14 @@ fn main() {
     let structs = kernels.structs.iter().fold(String::new(), |list, entry| list + "    " + entry + ",\n");
     let text = format!(
         "/// Every kernel, sorted by name.\npub static KERNELS: &[Kernel] = &[\n{}];\n\
-         /// Every block and struct with a memory layout that some kernel declares.\npub static STRUCTS: &[StructLayout] = &[\n{structs}];\n",
+         /// Every block and struct with a memory layout that some kernel declares.\npub static STRUCTS: &[StructLayout] = &[\n{structs}];\n{portable_entry}",
         kernels.entries
     );
     fs::write(out.join("kernels.rs"), text).expect("OUT_DIR can be written");
-    let text = format!("/// Every probe, sorted by name.\npub static PROBES: &[Kernel] = &[\n{}];\n", probes.entries);
+    let text = format!(
+        "/// Every probe, sorted by name.\npub static PROBES: &[Kernel] = &[\n{}];\n{hostile_entry}",
+        probes.entries
+    );
     fs::write(out.join("probes.rs"), text).expect("OUT_DIR can be written");
 }
 
@@ -88,7 +112,7 @@ struct Table {
 }
 
 impl Table {
-    fn of(folder: &str, editions: &[Edition], out: &Path) -> Self {
+    fn of(folder: &str, editions: &[Edition], libraries: &[Library], out: &Path) -> Self {
         let mut paths: Vec<PathBuf> = fs::read_dir(folder)
             .map(|entries| entries.map(|entry| entry.expect("a shader folder can be read").path()).collect())
             .unwrap_or_default();
@@ -107,7 +131,7 @@ impl Table {
         thread::scope(|scope| {
             let of = |(name, path, form): &(String, PathBuf, Option<&'static str>)| {
                 let (name, path, form) = (name.clone(), path.clone(), *form);
-                scope.spawn(move || Self::of_kernel(folder, &name, &path, form, editions, out))
+                scope.spawn(move || Self::of_kernel(folder, &name, &path, form, editions, libraries, out))
             };
             let threads: Vec<_> = kernels.iter().map(of).collect();
             threads.into_iter().fold(Self::default(), |mut all, kernel| {
@@ -121,7 +145,15 @@ impl Table {
     }
 
     /// A kernel that its file is, or that the macro of a form makes of it.
-    fn of_kernel(folder: &str, name: &str, path: &Path, form: Option<&str>, editions: &[Edition], out: &Path) -> Self {
+    fn of_kernel(
+        folder: &str,
+        name: &str,
+        path: &Path,
+        form: Option<&str>,
+        editions: &[Edition],
+        libraries: &[Library],
+        out: &Path,
+    ) -> Self {
         let mut table = Self::default();
         let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
         let source = fs::read_to_string(path).expect("a listed shader can be read");
@@ -129,11 +161,11 @@ impl Table {
         let variants = editions.iter().flat_map(|edition| ACCESSES.map(|macros| (*edition, macros)));
         for (index, (edition, macros)) in variants.enumerate() {
             let macros: Vec<&str> = macros.iter().copied().chain(form).collect();
-            match compile(&compiler, path, &source, edition, &macros) {
+            let built = compile(&compiler, path, &source, edition, &macros);
+            match built.and_then(|module| try_arithmetics(path, &module, libraries).map(|()| module)) {
                 Ok(module) => {
                     let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
-                    let bytes: Vec<u8> = module.assemble().iter().flat_map(|word| word.to_ne_bytes()).collect();
-                    fs::write(&file, bytes).expect("OUT_DIR can be written");
+                    fs::write(&file, to_bytes(&module)).expect("OUT_DIR can be written");
                     let reflection = Reflection::of(&module);
                     writeln!(table.entries, "{}", reflection.entry(&file)).expect("strings grow");
                     table.structs.extend(reflection.structs);
@@ -148,8 +180,83 @@ impl Table {
     }
 }
 
-/// Compiles one variant of a kernel and, but for fast math, forbids the driver to contract its
-/// arithmetic.
+/// The libraries, with the initialisers of their statics.
+fn compile_libraries(out: &Path) -> Result<[(Library, String); 2], String> {
+    let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
+    let compile = |name: &str, path: &str| -> Result<(Library, String), String> {
+        // A packaged source need not have the tests'.
+        let source = fs::read_to_string(path).unwrap_or_else(|_| "#version 460\nvoid main() {}\n".to_owned());
+        let mut options = shaderc::CompileOptions::new().expect("shaderc options start");
+        options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
+        // The optimizer would leave no function.
+        options.set_optimization_level(shaderc::OptimizationLevel::Zero);
+        options.set_generate_debug_info();
+        options.set_warnings_as_errors();
+        let artifact = compiler
+            .compile_into_spirv(&source, shaderc::ShaderKind::Compute, path, "main", Some(&options))
+            .map_err(|error| error.to_string())?;
+        let mut module = rspirv::dr::load_words(artifact.as_binary()).map_err(|error| format!("{path}: {error}"))?;
+        // Names are what functions are found by; the source text is of no use.
+        module.debug_string_source.clear();
+        for block in module.functions.iter_mut().flat_map(|function| &mut function.blocks) {
+            block.instructions.retain(|i| !matches!(i.class.opcode, Op::Line | Op::NoLine));
+        }
+        let file = out.join(format!("{name}.spv"));
+        fs::write(&file, to_bytes(&module)).expect("OUT_DIR can be written");
+        let doc = format!("/// SPIR-V of `{path}`.\n");
+        Ok((Library::new(module), format!("{doc}pub static {name}: &[u8] = include_bytes!({file:?});\n")))
+    };
+    let [portable, hostile] = LIBRARIES.map(|(name, path)| compile(name, path));
+    Ok([portable?, hostile?])
+}
+
+fn to_bytes(module: &Module) -> Vec<u8> {
+    module.assemble().iter().flat_map(|word| word.to_ne_bytes()).collect()
+}
+
+/// Fails where an arithmetic has no form of an operation of the kernel, or leaves one to the driver.
+fn try_arithmetics(path: &Path, module: &Module, libraries: &[Library]) -> Result<(), String> {
+    for form in [Form::Native, Form::ByFma, Form::ByIntegers] {
+        let arithmetic = Arithmetic::Portable(Forms { division: form, reciprocal: form, root: form });
+        arithmetic::lower(&mut module.clone(), arithmetic, &libraries[0], None)
+            .map_err(|error| format!("{}: {error}; see docs/numerics.md", path.display()))?;
+    }
+    Ok(())
+}
+
+/// Fails where a kernel reads the size of its workgroup before it declares it: the compiler takes it to be 1 there.
+fn declares_before_it_reads(path: &str, preprocessed: &str) -> Result<(), String> {
+    let Some(read) = preprocessed.find("gl_WorkGroupSize") else { return Ok(()) };
+    if preprocessed.find("local_size_x").is_some_and(|declared| declared < read) {
+        return Ok(());
+    }
+    Err(format!("{path}: gl_WorkGroupSize is read before its declaration, where it is 1; include workgroup.glsl first"))
+}
+
+/// Whether the code counts the invocations of a launch by something else than the constant that holds the size of a
+/// workgroup: the number of workgroups is of no other use.
+fn counts_invocations_without_the_constant(module: &Module) -> bool {
+    let decorated = |decoration: &[Operand]| {
+        let decorates = |i: &&Instruction| i.class.opcode == Op::Decorate && i.operands[1..] == *decoration;
+        let ids = module.annotations.iter().filter(decorates).map(|i| id_of(&i.operands[0]));
+        ids.collect::<BTreeSet<u32>>()
+    };
+    let names = |i: &Instruction, ids: &BTreeSet<u32>| {
+        i.operands.iter().filter_map(Operand::id_ref_any).any(|id| ids.contains(&id))
+    };
+    let code = || module.functions.iter().flat_map(|function| function.all_inst_iter());
+    let size = [Operand::Decoration(Decoration::SpecId), Operand::LiteralBit32(constants::SPEC_WORKGROUP_SIZE)];
+    let mut size = decorated(&size);
+    for made in &module.types_global_values {
+        if names(made, &size) {
+            size.extend(made.result_id);
+        }
+    }
+    let groups = decorated(&[Operand::Decoration(Decoration::BuiltIn), Operand::BuiltIn(BuiltIn::NumWorkgroups)]);
+    code().any(|i| names(i, &groups)) && !code().any(|i| names(i, &size))
+}
+
+/// Compiles one variant of a kernel.
 fn compile(
     compiler: &shaderc::Compiler,
     path: &Path,
@@ -183,12 +290,15 @@ fn compile(
         let content = fs::read_to_string(&resolved_name).map_err(|error| format!("{resolved_name}: {error}"))?;
         Ok(shaderc::ResolvedInclude { resolved_name, content })
     });
+    let preprocessed = compiler.preprocess(source, &path, "main", Some(&options)).map_err(|error| error.to_string())?;
+    let preprocessed = preprocessed.as_text();
+    declares_before_it_reads(&path, &preprocessed)?;
     let artifact = compiler
         .compile_into_spirv(source, shaderc::ShaderKind::Compute, &path, "main", Some(&options))
         .map_err(|error| error.to_string())?;
     let mut module = rspirv::dr::load_words(artifact.as_binary()).map_err(|error| format!("{path}: {error}"))?;
-    if edition != Edition::FastMath {
-        forbid_contraction(&mut module);
+    if counts_invocations_without_the_constant(&module) {
+        return Err(format!("{path}: its code reads a workgroup size that is not the constant which the host sets"));
     }
     keep_loops_in_variables(&mut module);
     Ok(module)
@@ -217,43 +327,6 @@ fn glsl_listed_triangles() -> String {
     let vertices: Vec<_> = vertices.collect();
     writeln!(text, "#define LISTED_VERTICES vec3[]({})", vertices.join(", ")).expect("strings grow");
     text
-}
-
-/// Decorates all float arithmetic NoContraction: two kernels that call the same function then
-/// compute the same bits, and the watertight edge tests keep their signs.
-fn forbid_contraction(module: &mut Module) {
-    let arithmetic = |op| {
-        matches!(
-            op,
-            Op::FAdd
-                | Op::FSub
-                | Op::FMul
-                | Op::FDiv
-                | Op::FNegate
-                | Op::Dot
-                | Op::VectorTimesScalar
-                | Op::MatrixTimesVector
-                | Op::VectorTimesMatrix
-                | Op::MatrixTimesScalar
-                | Op::MatrixTimesMatrix
-        )
-    };
-    let mut decorations: Vec<Instruction> = module
-        .all_inst_iter()
-        .filter(|instruction| arithmetic(instruction.class.opcode))
-        .filter_map(|instruction| instruction.result_id)
-        .map(|id| {
-            Instruction::new(
-                Op::Decorate,
-                None,
-                None,
-                vec![Operand::IdRef(id), Operand::Decoration(Decoration::NoContraction)],
-            )
-        })
-        .collect();
-    let already: Vec<Instruction> = module.annotations.clone();
-    decorations.retain(|decoration| !already.contains(decoration));
-    module.annotations.extend(decorations);
 }
 
 /// Makes variables again of what loops carry from turn to turn, which the optimizer has made phis.

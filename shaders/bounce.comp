@@ -10,14 +10,12 @@
 #extension GL_KHR_shader_subgroup_vote : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #endif
-#include "constants.glsl"
+#include "workgroup.glsl"
 #define CONTROL_ACCESS
 #include "path_state.glsl"
 #include "append.glsl"
 #include "bvh.glsl"
 #include "cut_loops.glsl"
-
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
 void main() {
     uint place = gl_GlobalInvocationID.x;

@@ -2,11 +2,9 @@
 // Threads: one a slot. Reads: frame. Writes: path state, radiances, the next half of the ray queue.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#include "constants.glsl"
+#include "workgroup.glsl"
 #define CONTROL_ACCESS
 #include "path_state.glsl"
-
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
 void main() {
     uint slot = gl_GlobalInvocationID.x;

@@ -6,13 +6,11 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #endif
-#include "constants.glsl"
+#include "workgroup.glsl"
 #define CONTROL_ACCESS
 #include "path_state.glsl"
 #include "bvh.glsl"
 #include "cut_loops.glsl"
-
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
 void main() {
     uint slots = batch.pixel_count * batch.sample_count;

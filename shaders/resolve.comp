@@ -3,11 +3,9 @@
 // Threads: one a pixel of the batch. Reads: radiances. Writes: film, control.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#include "constants.glsl"
+#include "workgroup.glsl"
 #define CONTROL_ACCESS
 #include "bindings_path.glsl"
-
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
 // Adds x to sum + compensation. What rounding took goes into the next summand, so that it never grows
 // to a sum of its own: a compensation that only gathers is itself rounded off after some 2^20 samples.

@@ -8,14 +8,12 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #endif
-#include "constants.glsl"
+#include "workgroup.glsl"
 #define CONTROL_ACCESS
 #include "path_state.glsl"
 #include "append.glsl"
 #include "cut_loops.glsl"
 #include "work.glsl"
-
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
 void main() {
     uint place = gl_GlobalInvocationID.x;

@@ -2,10 +2,8 @@
 // Threads: one a current ray. Reads: ray queue, hits, scene. Writes: bins, sorted rays.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#include "constants.glsl"
+#include "workgroup.glsl"
 #include "material_bin.glsl"
-
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
 void main() {
     uint place = gl_GlobalInvocationID.x;

@@ -26,9 +26,10 @@ struct Scatter {
     float density;  // with MIS: of the direction over solid angle, or ONE_DIRECTION
 };
 
-// Reads one texel, repeated in both directions.
+// Reads one texel, repeated in both directions, of which there are no more than one beyond the image.
 vec3 texel(uint header, ivec2 size, ivec2 at) {
-    at -= size * ivec2(floor(vec2(at) / vec2(size)));
+    at = mix(at, at + size, lessThan(at, ivec2(0)));
+    at = mix(at, at - size, greaterThanEqual(at, size));
     at = clamp(at, ivec2(0), size - 1);
     uvec2 bits = fetch_textures(header + 1u + uint(at.y * size.x + at.x));
     return vec3(unpackHalf2x16(bits.x), unpackHalf2x16(bits.y).x);
@@ -80,7 +81,7 @@ float phong_lobe(Material m, vec3 n, vec3 wo, vec3 wi) {
     // The angle is told by the distance of the two directions: a cosine near 1 has lost it.
     vec3 apart = reflect(-wo, n) - wi;
     float drop = 0.5 * dot(apart, apart);
-    return drop < 1.0 ? (m.ns + 1.0) / TWO_PI * exp(m.ns * log_of_rest(drop)) : 0.0;
+    return drop < 1.0 ? (m.ns + 1.0) * INVERSE_TWO_PI * exponential(m.ns * log_of_rest(drop)) : 0.0;
 }
 
 // f cos of Lambert plus Phong lobe, and the density of `scatter_glossy`. Zero below the horizon.

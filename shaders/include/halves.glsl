@@ -6,6 +6,8 @@
 const float LARGEST_HALF = 65504.0;
 // The smallest half above 0.
 const float SMALLEST_HALF = 5.9604645e-8;
+// The smallest that has all digits.
+const float SMALLEST_NORMAL_HALF = 6.1035156e-5;
 // Bits of a float's mantissa that a half has no room for.
 const uint LOST_BITS = 0x1fffu;
 
@@ -21,10 +23,12 @@ uvec3 dither(vec3 point) {
 
 // Three numbers that are not negative, as halves can hold them: each rounded up as often as it lies near
 // the upper neighbour, so that the mean of many is the number itself. To round to the nearest would repeat
-// one error along every path that meets the same surfaces. Down to 2^-14 nothing is left for a conversion
-// to round, which drivers do each in their way.
+// one error along every path that meets the same surfaces.
 vec3 round_to_halves(vec3 value, uvec3 random) {
-    vec3 rounded = uintBitsToFloat((floatBitsToUint(value) + random) & ~LOST_BITS);
+    vec3 normal = uintBitsToFloat((floatBitsToUint(value) + random) & ~LOST_BITS);
+    // Below its smallest normal number halves are equally far apart.
+    vec3 subnormal = floor(value * (1.0 / SMALLEST_HALF) + vec3(random) * (1.0 / float(LOST_BITS + 1u))) * SMALLEST_HALF;
+    vec3 rounded = mix(normal, subnormal, lessThan(value, vec3(SMALLEST_NORMAL_HALF)));
     // What is no finite number stays what it is, to be counted.
     return mix(min(rounded, LARGEST_HALF), value, greaterThan(uvec3(isnan(value)) | uvec3(isinf(value)), uvec3(0u)));
 }

@@ -34,10 +34,11 @@ vec3 environment_texel(ivec2 at) {
     return uintBitsToFloat(fetch_environment(uint(at.y * width + at.x)).xyz);
 }
 
-// The centre column looks along -z, u grows towards +x, row 0 is +y. The arc cosine would be
-// coarser: near the poles by nature, and elsewhere on some drivers.
+// The centre column looks along -z, u grows towards +x, row 0 is +y. The arc cosine would be coarser near the poles.
 vec2 environment_uv(vec3 direction) {
-    return vec2(0.5 + atan(direction.x, -direction.z) / TWO_PI, atan(length(direction.xz), direction.y) * INVERSE_PI);
+    float across = angle_of(-direction.z, direction.x);
+    float down = angle_of(direction.y, length(direction.xz));
+    return vec2(0.5 + across * INVERSE_TWO_PI, down * INVERSE_PI);
 }
 
 vec3 environment_radiance(vec3 direction) {
@@ -54,9 +55,9 @@ vec3 environment_radiance(vec3 direction) {
 
 // Solid angle of a texel in a row. The cosines of its edges differ by `cos_range`: as a product of
 // sines that keeps its precision at the poles.
-float texel_solid_angle(float top, out float cos_range) {
-    float height = PI / float(frame.environment_height);
-    cos_range = 2.0 * sin(top + 0.5 * height) * sin(0.5 * height);
+float texel_solid_angle(uint row, out float cos_range) {
+    float half_height = 0.25 / float(frame.environment_height);
+    cos_range = 2.0 * on_circle(float(2u * row + 1u) * half_height).y * on_circle(half_height).y;
     return TWO_PI / float(frame.environment_width) * cos_range;
 }
 
@@ -65,7 +66,7 @@ float lat_long_density(vec3 direction) {
     uvec2 size = uvec2(frame.environment_width, frame.environment_height);
     uvec2 at = min(uvec2(environment_uv(direction) * vec2(size)), size - 1u);
     float cos_range;
-    float solid_angle = texel_solid_angle(PI * float(at.y) / float(size.y), cos_range);
+    float solid_angle = texel_solid_angle(at.y, cos_range);
     return uintBitsToFloat(fetch_environment(at.y * size.x + at.x).w) / solid_angle;
 }
 
@@ -102,10 +103,9 @@ LightSample sample_lat_long(Surface surface, vec4 u) {
     vec2 corner = vec2(texel);
     float turns = (corner.x + u.z) / size.x - 0.5;
     // Uniform in the cosine between the texel's edges.
-    float top = PI * corner.y / size.y;
     float cos_range;
-    float solid_angle = texel_solid_angle(top, cos_range);
-    float cos_theta = cos(top) - u.w * cos_range;
+    float solid_angle = texel_solid_angle(texel.y, cos_range);
+    float cos_theta = on_circle(0.5 * corner.y / size.y).x - u.w * cos_range;
     vec2 across = sqrt(max(0.0, 1.0 - cos_theta * cos_theta)) * on_circle(turns);
     vec3 direction = vec3(across.y, cos_theta, -across.x);
     float pdf = probability / solid_angle;

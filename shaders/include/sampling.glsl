@@ -2,37 +2,24 @@
 #ifndef SAMPLING_GLSL
 #define SAMPLING_GLSL
 
-const float PI = 3.14159265358979;
-const float TWO_PI = 6.28318530717959;
-const float INVERSE_PI = 0.318309886183791;
+#include "elementary.glsl"
 
-// Two unit vectors that complete n to an orthonormal basis. (Duff et al. 2017)
+// z of the normals between the branches of `basis`.
+const float BASIS_EDGE = -0.4375;
+
+// Two unit vectors that complete n to an orthonormal basis. (Duff et al. 2017, with their two branches parted where
+// no wall along an axis has its normal: there the last bit of a normal would turn the basis)
 void basis(vec3 n, out vec3 tangent, out vec3 bitangent) {
-    float s = n.z >= 0.0 ? 1.0 : -1.0;
+    float s = n.z >= BASIS_EDGE ? 1.0 : -1.0;
     float a = -1.0 / (s + n.z);
     float b = n.x * n.y * a;
     tangent = vec3(1.0 + s * n.x * n.x * a, s * b, -s * n.x);
     bitangent = vec3(b, s + n.y * n.y * a, -n.y);
 }
 
-// The unit vector at an angle in turns, to 2^-23. Drivers' sine and cosine may be off by 2^-11, and
-// where they are exact they take longer. From the nearest quarter turn it is an eighth at most, for
-// which a few terms suffice. (Minimax polynomials of Moshier's Cephes, sinf and cosf)
-vec2 on_circle(float turns) {
-    float quarters = 4.0 * turns;
-    float quarter = floor(quarters + 0.5);
-    float x = (quarters - quarter) * (0.5 * PI);
-    float z = x * x;
-    float s = ((-1.9515295891e-4 * z + 8.3321608736e-3) * z - 1.6666654611e-1) * z * x + x;
-    float c = ((2.443315711809948e-5 * z - 1.388731625493765e-3) * z + 4.166664568298827e-2) * z * z - 0.5 * z + 1.0;
-    int turned = int(quarter);
-    vec2 p = (turned & 1) != 0 ? vec2(-s, c) : vec2(c, s);
-    return (turned & 2) != 0 ? -p : p;
-}
-
 // log(1 - x) for x in [0, 1), good to the last bits where x is small: logarithms near 1 are coarse.
 float log_of_rest(float x) {
-    return x < 0.015625 ? -x * (1.0 + x * (0.5 + x * (1.0 / 3.0 + x * 0.25))) : log(1.0 - x);
+    return x < 0.015625 ? -x * (1.0 + x * (0.5 + x * (1.0 / 3.0 + x * 0.25))) : logarithm(1.0 - x);
 }
 
 float sine_of(float cosine) { return sqrt(max(0.0, 1.0 - cosine * cosine)); }
@@ -52,7 +39,7 @@ float cosine_of(float u) { return sqrt(1.0 - u); }
 // cosine is 1 but for rounding, so both come from what it lacks.
 vec2 cosine_power_of(float exponent, float u) {
     float x = -log_of_rest(u) / (exponent + 1.0);
-    float drop = x < 0.015625 ? x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0)))) : 1.0 - exp(-x);
+    float drop = x < 0.015625 ? x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0)))) : 1.0 - exponential(-x);
     return vec2(1.0 - drop, sqrt(drop * (2.0 - drop)));
 }
 

@@ -6,6 +6,7 @@
 // in loops alone, because a loop that no lane enters costs nothing where an `if` would run masked.
 #ifndef STACK_GLSL
 #define STACK_GLSL
+#include "workgroup.glsl"
 #include "specialization.glsl"
 #include "bindings_scene.glsl"
 

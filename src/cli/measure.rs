@@ -19,8 +19,8 @@ use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceDescription, DeviceKind};
 use crate::layout::WorkCount;
 use crate::render::{
-    Fetch, Offsets, Outcome, PathState, PrepareError, PreparedScene, RouletteMode, Scheduler, Session, SessionOptions,
-    Settings, ShadowRays, Sort,
+    Fetch, Numerics, Offsets, Outcome, PathState, PrepareError, PreparedScene, RouletteMode, Scheduler, Session,
+    SessionOptions, Settings, ShadowRays, Sort,
 };
 use crate::scene::{Integrator, Sampler, Scene};
 use crate::studies::{
@@ -292,6 +292,8 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
             ("path-state", "f16") => settings.path_state = PathState::F16,
             ("offsets", "robust") => settings.offsets = Offsets::Robust,
             ("offsets", "fixed") => settings.offsets = Offsets::Fixed,
+            ("numerics", "portable") => settings.numerics = Numerics::Portable,
+            ("numerics", "native") => settings.numerics = Numerics::Native,
             ("fast-math", _) => settings.fast_math = level == "on",
             ("specialize", _) => settings.specialize = level == "on",
             ("shading-cost", _) => settings.shading_cost = count()?,

@@ -6,7 +6,8 @@ use super::open_device;
 use crate::bvh::BvhKind;
 use crate::gpu::Device;
 use crate::render::{
-    Fetch, MAX_MATERIAL_BRANCHES, Offsets, Packets, PathState, RouletteMode, Scheduler, Settings, ShadowRays, Sort,
+    Fetch, MAX_MATERIAL_BRANCHES, Numerics, Offsets, Packets, PathState, RouletteMode, Scheduler, Settings, ShadowRays,
+    Sort,
 };
 use crate::scene::{Integrator, Sampler, Scene};
 
@@ -94,6 +95,9 @@ pub struct PictureArguments {
     /// How rays are kept from hitting the surface that they leave
     #[arg(long, value_name = "NAME", default_value = "robust")]
     offsets: OffsetsName,
+    /// Who lays down quotients, roots and products of vectors where Vulkan leaves them to the driver
+    #[arg(long, value_name = "NAME", default_value = "portable")]
+    numerics: NumericsName,
     /// Let the driver fuse and reorder arithmetic: images are no longer equal to the last bit
     #[arg(long)]
     fast_math: bool,
@@ -225,6 +229,14 @@ enum PathStateName {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
+enum NumericsName {
+    /// raywave: the same image on every device, to the last bit
+    Portable,
+    /// The driver: the same image on this device and driver alone
+    Native,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
 enum OffsetsName {
     /// By a bound of the rounding error, and the triangle is remembered
     Robust,
@@ -291,6 +303,10 @@ impl PictureArguments {
             offsets: match self.offsets {
                 OffsetsName::Robust => Offsets::Robust,
                 OffsetsName::Fixed => Offsets::Fixed,
+            },
+            numerics: match self.numerics {
+                NumericsName::Portable => Numerics::Portable,
+                NumericsName::Native => Numerics::Native,
             },
             fast_math: self.fast_math,
             fetch: self.fetch.map(Into::into),
@@ -397,6 +413,13 @@ pub fn path_state_name(path_state: PathState) -> &'static str {
 }
 
 /// Name of a way to leave surfaces, as the command line has it.
+pub fn numerics_name(numerics: Numerics) -> &'static str {
+    match numerics {
+        Numerics::Portable => "portable",
+        Numerics::Native => "native",
+    }
+}
+
 pub fn offsets_name(offsets: Offsets) -> &'static str {
     match offsets {
         Offsets::Robust => "robust",

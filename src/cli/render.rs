@@ -18,8 +18,8 @@ use crate::scene::Scene;
 
 use super::devices::kind_name;
 use super::picture::{
-    PictureArguments, bvh_name, fetch_name, integrator_name, offsets_name, path_state_name, roulette_mode_name,
-    sampler_name, scheduler_name, shadow_rays_name, sort_name,
+    PictureArguments, bvh_name, fetch_name, integrator_name, numerics_name, offsets_name, path_state_name,
+    roulette_mode_name, sampler_name, scheduler_name, shadow_rays_name, sort_name,
 };
 use super::tuning::{self, Tuning};
 use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
@@ -185,6 +185,7 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "paths_per_invocation": statistics.paths_per_invocation,
         "path_state": path_state_name(settings.path_state),
         "offsets": offsets_name(settings.offsets),
+        "numerics": numerics_name(settings.numerics),
         "fast_math": settings.fast_math,
         "specialize": settings.specialize,
         "paths_in_flight": statistics.paths_in_flight,

@@ -13,7 +13,7 @@ use super::error::{Action, GpuError};
 use super::memory::{MemoryLimits, MemoryPlan, plan_memory};
 use super::pipeline::{Pipelines, descriptor_type};
 use crate::recording::{Pass, Recording};
-use crate::shaders::{Access, BindingKind, Edition, Kernel};
+use crate::shaders::{Access, Arithmetic, BindingKind, Build, Edition, Kernel, Library};
 
 /// How kernels see a buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,6 +55,10 @@ pub struct ExecutorDescription<'a> {
     pub access: Option<Access>,
     /// Which builds of the kernels to run.
     pub edition: Edition,
+    /// How they compute with floats.
+    pub arithmetic: Arithmetic,
+    /// Functions that stand for the driver's own operations, for tests of what other drivers do.
+    pub driver: Option<&'static Library>,
 }
 
 /// Time and launches of a kernel.
@@ -119,10 +123,15 @@ impl Executor {
             .access
             .unwrap_or(Access { texel_fetch: limits.kind == super::DeviceKind::Cpu, subgroup_ballot: true });
         let access = Access { subgroup_ballot: wanted.subgroup_ballot && limits.subgroup_ballot, ..wanted };
+        let build = Build {
+            constants: description.specialization,
+            arithmetic: description.arithmetic,
+            driver: description.driver,
+        };
         let specialized = |access| -> Vec<_> {
             let variants =
                 description.kernels.iter().map(|kernel| (kernel.name, kernel.variant(description.edition, access)));
-            variants.map(|(name, variant)| (name, variant.specialize(description.specialization))).collect()
+            variants.map(|(name, variant)| (name, variant.specialize(&build))).collect()
         };
         // What kernels bind does not depend on how they reach it, and what none binds takes no memory.
         let kernels = specialized(access);

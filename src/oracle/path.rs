@@ -361,10 +361,13 @@ fn cosine_power(axis: DVec3, exponent: f64, u: DVec2) -> DVec3 {
     sine * (across.x * x + across.y * y) + cosine * axis
 }
 
+/// z of the normals between the two branches of `basis`, where few walls have theirs.
+const BASIS_EDGE: f64 = -0.4375;
+
 /// The basis that the kernels turn angles in. (Duff et al. 2017, Building an Orthonormal Basis,
 /// Revisited)
 fn basis(n: DVec3) -> (DVec3, DVec3) {
-    let sign = if n.z >= 0.0 { 1.0 } else { -1.0 };
+    let sign = if n.z >= BASIS_EDGE { 1.0 } else { -1.0 };
     let a = -1.0 / (sign + n.z);
     let b = n.x * n.y * a;
     (DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y))

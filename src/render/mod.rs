@@ -24,8 +24,8 @@ pub use footprint::{FeatureCost, Footprint, feature_costs};
 pub use plan::{Plan, SampleRange, SceneLevels, Tile};
 pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
 pub use replay::{Replay, ReplayOutcome, distances};
-pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
+pub use session::{Outcome, Progress, RenderError, Session, SessionOptions, Statistics, forms_for, scene_buffers};
 pub use settings::{
-    Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Offsets, Packets, PathState, RouletteMode, Scheduler, Settings,
-    SettingsError, ShadowRays, Sort, Traversal,
+    Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Numerics, Offsets, Packets, PathState, RouletteMode, Scheduler,
+    Settings, SettingsError, ShadowRays, Sort, Traversal,
 };

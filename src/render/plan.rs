@@ -234,7 +234,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Offsets, PathState, RouletteMode, ShadowRays, Sort};
+    use crate::render::{Numerics, Offsets, PathState, RouletteMode, ShadowRays, Sort};
     use crate::scene::{Integrator, Sampler};
     use proptest::prelude::*;
 
@@ -274,6 +274,7 @@ mod tests {
             paths_per_invocation: None,
             path_state: PathState::F32,
             offsets: Offsets::Robust,
+            numerics: Numerics::Portable,
             fast_math: false,
             fetch: None,
             tuned: false,

@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::plan::{DeviceLimits, Plan, SampleRange, Tile};
 use super::prepare::{Needs, PrepareError, PreparedScene, SceneBuffer};
-use super::settings::{Fetch, Scheduler, Settings, ShadowRays, Sort};
+use super::settings::{Fetch, Numerics, Scheduler, Settings, ShadowRays, Sort};
 use super::{batch, bounce, megakernel, wavefront};
 use crate::bvh::BvhKind;
 use crate::constants::{COUNTED_BOUNCES, STAGES};
@@ -17,7 +17,7 @@ use crate::film::FilmMoments;
 use crate::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription, GpuError, KernelTime};
 use crate::layout::{Bins, Control, FilmPixel, Frame, RayCount, WorkCount};
 use crate::recording::Recording;
-use crate::shaders::{self, Access, Edition};
+use crate::shaders::{self, Access, Arithmetic, Edition, Forms, Library};
 
 /// A render that failed.
 #[derive(Debug, Error)]
@@ -136,6 +136,10 @@ pub struct SessionOptions {
     pub access: Option<Access>,
     /// Whether kernels count their work, which takes time.
     pub counting: bool,
+    /// What portable quotients and roots are made of; `None` is what suits the device.
+    pub forms: Option<Forms>,
+    /// Functions that stand for the driver's own operations, for tests of what other drivers do.
+    pub driver: Option<&'static Library>,
     /// Most bytes of film that the device holds at once; `None` is what fits a buffer. The image is
     /// the same.
     pub film_bytes: Option<u64>,
@@ -478,6 +482,11 @@ pub(super) fn limits(device: &Device) -> DeviceLimits {
     }
 }
 
+/// What portable quotients and roots are made of on a device: its own, where it is known to round them right.
+pub fn forms_for(device: &Device) -> Forms {
+    if device.description().is_software() { Forms::NATIVE } else { Forms::CAREFUL }
+}
+
 /// Builds the kernels of those names, with the buffers that they bind.
 pub(super) fn open_executor(
     device: &Device,
@@ -487,10 +496,12 @@ pub(super) fn open_executor(
     names: &[&str],
     options: SessionOptions,
 ) -> Result<Executor, GpuError> {
-    let edition = match (options.counting, settings.fast_math) {
-        (true, _) => Edition::Counting,
-        (false, true) => Edition::FastMath,
-        (false, false) => Edition::Exact,
+    let edition = if options.counting { Edition::Counting } else { Edition::Plain };
+    let arithmetic = match settings.numerics {
+        // Kernels that count have no use for speed.
+        _ if settings.fast_math && !options.counting => Arithmetic::Contracted,
+        Numerics::Native => Arithmetic::Native,
+        Numerics::Portable => Arithmetic::Portable(options.forms.unwrap_or_else(|| forms_for(device))),
     };
     let access = settings.fetch.map(|fetch| Access { texel_fetch: fetch == Fetch::Texel, subgroup_ballot: true });
     let frame = scene.frame(settings, plan.path_capacity);
@@ -505,6 +516,8 @@ pub(super) fn open_executor(
                 .collect(),
             access: options.access.or(access),
             edition,
+            arithmetic,
+            driver: options.driver,
         },
     )
 }

@@ -97,7 +97,9 @@ pub struct Settings {
     pub path_state: PathState,
     /// How rays are kept from hitting the surface that they leave.
     pub offsets: Offsets,
-    /// Whether the driver may fuse and reorder arithmetic. The image is then no longer the same to
+    /// Who lays down what arithmetic gives where Vulkan does not.
+    pub numerics: Numerics,
+    /// Whether the driver may fuse and reorder arithmetic, whatever `numerics` says. The image is then no longer the same to
     /// the last bit between schedulers.
     pub fast_math: bool,
     /// How kernels read the scene's buffers; `None` leaves it to the device.
@@ -127,6 +129,16 @@ pub enum Offsets {
     Robust,
     /// They begin 10⁻⁴ normalised lengths off it. What is nearer than that is not seen.
     Fixed,
+}
+
+/// Who lays down what arithmetic gives where Vulkan leaves it to the driver: quotients, roots, dot and cross products,
+/// and functions made of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Numerics {
+    /// raywave: the image is the same on every device, to the last bit.
+    Portable,
+    /// The driver: the image is the same on one device and driver alone, whatever the scheduler.
+    Native,
 }
 
 /// How a roulette decides. Either way the image stays the same in expectation.
@@ -315,6 +327,7 @@ impl Settings {
             paths_per_invocation: None,
             path_state: PathState::F32,
             offsets: Offsets::Robust,
+            numerics: Numerics::Portable,
             fast_math: false,
             fetch: None,
             tuned: false,

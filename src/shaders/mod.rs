@@ -2,28 +2,32 @@
 //!
 //! Data, and what specialization constants leave of it: it knows nothing of Vulkan objects.
 
+mod arithmetic;
+mod link;
 mod specialize;
 
-pub use specialize::Specialized;
+use std::sync::LazyLock;
+
+pub use arithmetic::{Arithmetic, Form, Forms};
+pub use link::Library;
+pub use specialize::{Build, Specialized};
 
 /// A compute kernel in every variant that it is built in.
 #[derive(Debug)]
 pub struct Kernel {
     /// Name of the shader file without extension, or of a form of it; the one name it has everywhere.
     pub name: &'static str,
-    /// Four of each [`Edition`]; of a probe, of the exact one alone.
+    /// Four of each [`Edition`]; of a probe, of the plain one alone.
     pub variants: &'static [Variant],
 }
 
 /// What a build of a kernel is for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Edition {
-    /// Every scheduler and every way to reach memory computes the same bits.
+    /// To render.
     #[default]
-    Exact,
-    /// The driver may fuse and reorder arithmetic. The image is the same up to rounding alone.
-    FastMath,
-    /// As exact, and counts what traversal and shading do. Slower.
+    Plain,
+    /// Counts what traversal and shading do, and computes the same. Slower.
     Counting,
 }
 
@@ -114,5 +118,8 @@ pub fn kernel(name: &str) -> &'static Kernel {
         .map(|index| &KERNELS[index])
         .expect("schedulers name kernels that exist")
 }
+
+/// Functions in raywave's arithmetic that stand for operations of kernels.
+static PORTABLE_LIBRARY: LazyLock<Library> = LazyLock::new(|| Library::of_words(PORTABLE));
 
 include!(concat!(env!("OUT_DIR"), "/kernels.rs"));

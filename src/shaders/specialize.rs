@@ -10,9 +10,22 @@ use rspirv::binary::Assemble;
 use rspirv::dr::{Block, Instruction, Module, Operand};
 use rspirv::spirv::{Decoration, Op};
 
-use super::{Binding, Variant};
+use super::arithmetic::{self, Arithmetic};
+use super::link::Library;
+use super::{Binding, PORTABLE_LIBRARY, Variant};
 
-/// A build of a kernel for certain constants.
+/// What a kernel is built for.
+#[derive(Debug, Clone, Copy)]
+pub struct Build<'a> {
+    /// Specialization constants by id.
+    pub constants: &'a [u32],
+    /// How it computes with floats.
+    pub arithmetic: Arithmetic,
+    /// Functions that stand for the driver's own operations, for tests of what other drivers do; none otherwise.
+    pub driver: Option<&'a Library>,
+}
+
+/// A kernel as it was built.
 #[derive(Debug)]
 pub struct Specialized {
     /// SPIR-V words, with the constants still to be set.
@@ -21,16 +34,17 @@ pub struct Specialized {
     pub bindings: Vec<Binding>,
     /// Bytes of push constants that it declares; 0 for none.
     pub push_constant_size: u32,
-    /// Instructions of blocks that can run.
+    /// Instructions of blocks that can run, before the arithmetic is seen to.
     pub instructions: usize,
 }
 
 impl Variant {
-    /// Takes out what `constants`, by id, keep from running.
+    /// Takes out what the constants keep from running, and puts the operations of the arithmetic in their places.
     ///
     /// # Panics
     /// When the SPIR-V is not what `build.rs` made.
-    pub fn specialize(&self, constants: &[u32]) -> Specialized {
+    pub fn specialize(&self, build: &Build<'_>) -> Specialized {
+        let constants = build.constants;
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(self.spirv);
         let mut module = rspirv::dr::load_words(&words).expect("build.rs has read this SPIR-V");
         let live = live_blocks(&module, constants);
@@ -50,6 +64,8 @@ impl Variant {
                 remove(&mut module, variable);
             }
         }
+        arithmetic::lower(&mut module, build.arithmetic, &PORTABLE_LIBRARY, build.driver)
+            .expect("build.rs has tried every form");
         Specialized { words: module.assemble(), bindings, push_constant_size: self.push_constant_size, instructions }
     }
 }

@@ -130,6 +130,12 @@ pub const FACTORS: &[FactorKind] = &[
         meaning: "kernels and buffers for this scene alone",
     },
     FactorKind {
+        name: "numerics",
+        role: Role::Estimator,
+        levels: Levels::Named(&["portable", "native"]),
+        meaning: "who lays down quotients, roots and vector products",
+    },
+    FactorKind {
         name: "fast-math",
         role: Role::Estimator,
         levels: Levels::Named(&["off", "on"]),

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
+use raywave::render::{Numerics, Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
 use raywave::scene::Integrator::{self, Explicit, Implicit, Mis};
 use raywave::scene::Sampler;
 use raywave::stats::{sidak_level, z_test};
@@ -52,6 +52,7 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         paths_per_invocation: None,
         path_state: PathState::F32,
         offsets: Offsets::Robust,
+        numerics: Numerics::Portable,
         fast_math: false,
         fetch: None,
         tuned: false,

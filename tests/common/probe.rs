@@ -8,9 +8,9 @@ use raywave::bvh::BvhKind;
 use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription};
 use raywave::layout::Batch;
 use raywave::recording::Recording;
-use raywave::render::{Plan, PreparedScene, Settings, scene_buffers};
+use raywave::render::{Plan, PreparedScene, Settings, forms_for, scene_buffers};
 use raywave::scene::{Camera, Environment, Material, Mesh, RenderDefaults, Scene, Surface, Triangle};
-use raywave::shaders::{Access, Binding, BindingKind, Edition, Kernel, Variant};
+use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Kernel, Variant};
 use raywave::stats::SplitMix64;
 
 use super::assert_silent;
@@ -67,7 +67,9 @@ impl Bench {
             specialization: &self.scene.specialization(&self.settings, &plan),
             buffers: scene_buffers(&self.scene, &self.settings, &frame).chain(probe_buffers).collect(),
             access: self.access,
-            edition: Edition::Exact,
+            edition: Edition::Plain,
+            arithmetic: Arithmetic::Portable(forms_for(&self.device)),
+            driver: None,
         };
         let mut executor = Executor::new(&self.device, description).expect("the probe is built");
         let batch =

@@ -4,10 +4,8 @@
 // `OUTPUT probe(INPUT)`, and ends with PROBE(INPUT, OUTPUT): the function of every input.
 #ifndef PROBE_GLSL
 #define PROBE_GLSL
-#include "constants.glsl"
+#include "workgroup.glsl"
 #include "bindings_path.glsl"
-
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
 
 #define PROBE(INPUT, OUTPUT) \
     layout(set = 2, binding = 0, std430) readonly buffer ProbeInputs { INPUT items[]; } probe_inputs; \
