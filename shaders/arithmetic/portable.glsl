@@ -66,6 +66,10 @@ float portable_divide_by_integers(const float a, const float b) {
 
 bool is_within(const float x) { return abs(x) >= SMALLEST_FUSED && abs(x) <= LARGEST_FUSED; }
 
+// Whether the fused forms round quotients by a number right: of one just below a power of two the reciprocal lies so
+// close to the middle of two numbers that the last step cannot tell on which side.
+bool has_fused_reciprocal(const float b) { return is_within(b) && (floatBitsToUint(b) & MANTISSA) != MANTISSA; }
+
 // The same by fused multiplication and addition: a reciprocal is brought to half a unit in the last place, and the
 // quotient by the remainder that it leaves. (Markstein 1990, Computation of Elementary Functions on the IBM RISC
 // System/6000 Processor)
@@ -74,7 +78,7 @@ float portable_divide_by_fma(const float a, const float b) {
     float reciprocal = fma(fma(-b, guess, 1.0), guess, guess);
     float quotient = a * reciprocal;
     float result = fma(fma(-b, quotient, a), reciprocal, quotient);
-    if (!(is_within(b) && is_within(result))) {
+    if (!(has_fused_reciprocal(b) && is_within(result))) {
         result = portable_divide_by_integers(a, b);
     }
     return result;
@@ -86,7 +90,7 @@ float portable_reciprocal_by_fma(const float b) {
     float guess = 1.0 / b;
     float reciprocal = fma(fma(-b, guess, 1.0), guess, guess);
     float result = fma(fma(-b, reciprocal, 1.0), reciprocal, reciprocal);
-    if (!is_within(b)) {
+    if (!has_fused_reciprocal(b)) {
         result = portable_divide_by_integers(1.0, b);
     }
     return result;

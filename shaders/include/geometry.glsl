@@ -6,6 +6,8 @@
 
 // The distance of nothing: the largest finite number.
 const float FARTHEST = 3.402823466e38;
+// Below this numbers are subnormal.
+const float SMALLEST_NORMAL = 1.17549435e-38;
 
 struct Ray {
     vec3 origin;

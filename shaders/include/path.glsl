@@ -49,6 +49,9 @@ Vertex ended(vec3 emission) {
     return Vertex(emission, none, false);
 }
 
+// Subnormal numbers become zeros: some devices take them for that in arithmetic and others do not.
+vec3 normal_or_zero(vec3 x) { return mix(x, vec3(0.0), lessThan(abs(x), vec3(SMALLEST_NORMAL))); }
+
 // Light that a sample may keep of one vertex, which is so many bounces from the camera. Biased: what is
 // brighter than the clamp and came by two bounces or more is dimmed to it.
 vec3 clamped(vec3 light, uint bounces) {
@@ -195,6 +198,7 @@ Vertex shade_hit(inout Path path, Hit hit) {
     path.ray = leave(surface, scatter.direction);
     path.bounce += 1u;
     path.sees_emission = !EXPLICIT || specular;
+    path.throughput = normal_or_zero(path.throughput);
     vertex.continues = any(greaterThan(path.throughput, vec3(0.0)));
     return vertex;
 }
@@ -214,6 +218,8 @@ Vertex shade_vertex(inout Path path, Hit hit) {
     } else {
         vertex = shade_hit(path, hit);
     }
+    vertex.emission = normal_or_zero(vertex.emission);
+    vertex.shadow.radiance = normal_or_zero(vertex.shadow.radiance);
     bool sound = is_sound(path, vertex);
     vertex.emission = sound ? vertex.emission : vec3(uintBitsToFloat(0x7fc00000u));
     vertex.continues = sound && vertex.continues;

@@ -95,6 +95,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         device: device.description(),
         exposure: arguments.exposure,
         faults: faults.as_deref().unwrap_or_default(),
+        digest: image.digest(),
     };
     write(arguments, &report, &image, &statistics, &mean.mean())?;
     if !arguments.quiet {
@@ -157,6 +158,8 @@ struct Report<'a> {
     exposure: f32,
     /// Samples that were not finite, as many as were traced.
     faults: &'a [Fault],
+    /// [`Image::digest`].
+    digest: String,
 }
 
 /// Every setting of a render, snake_case keys with the unit in the name.
@@ -241,6 +244,7 @@ impl Report<'_> {
             .collect();
         json!({
             "settings": self.settings(statistics),
+            "pixels_blake3": self.digest,
             "exposure_stops": self.exposure,
             "samples": statistics.sample_count,
             "samples_per_second": statistics.sample_count as f64 / wall,
@@ -271,8 +275,10 @@ fn write(
     statistics: &Statistics,
     mean: &ImageMean,
 ) -> anyhow::Result<()> {
+    let mut settings = report.settings(statistics);
+    settings.insert("pixels_blake3".to_owned(), report.digest.clone().into());
     let metadata: Vec<(String, String)> =
-        report.settings(statistics).into_iter().map(|(key, value)| (format!("raywave.{key}"), plain(&value))).collect();
+        settings.into_iter().map(|(key, value)| (format!("raywave.{key}"), plain(&value))).collect();
     let options = WriteOptions { exposure: arguments.exposure, metadata: &metadata };
     write_image(&arguments.output, image, &options)?;
     if let Some(path) = &arguments.stats {
@@ -287,6 +293,9 @@ fn fault_record(fault: &Fault) -> Value {
     let Fault { x, y, sample, bounce } = *fault;
     json!({ "x_pixels": x, "y_pixels": y, "sample": sample, "bounce": bounce })
 }
+
+/// Digits of the pixels' digest that a summary shows; the whole stands in metadata and statistics.
+const NAMED_DIGITS: usize = 16;
 
 /// Most samples that a summary names.
 const NAMED_FAULTS: usize = 4;
@@ -320,13 +329,14 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
     let tuned =
         if settings.tuned { format!("; tuned: {}", tuning::in_words(settings, statistics)) } else { String::new() };
     eprintln!(
-        "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s{tuned}",
+        "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s, pixels {}{tuned}",
         arguments.output.display(),
         settings.width,
         settings.height,
         statistics.samples,
         statistics.sample_count as f64 / seconds / 1e6,
         statistics.rays() as f64 / seconds / 1e6,
+        &report.digest[..NAMED_DIGITS],
     );
     if let Some(clamp) = settings.clamp {
         eprintln!("warning: the image is biased: indirect light is clamped at a radiance of {clamp}");

@@ -42,4 +42,17 @@ impl Image {
         );
         Self { width, height, pixels }
     }
+
+    /// A BLAKE3 hash of the pixels' bits, as 64 hexadecimal digits: the same of images that are the same to the last
+    /// bit, wherever they were made. What is hashed is width, height and the three floats of each pixel in rows from
+    /// the top, all of them 32 bits in little-endian order.
+    pub fn digest(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&self.width.to_le_bytes()).update(&self.height.to_le_bytes());
+        for row in self.pixels.chunks(self.width.max(1) as usize) {
+            let bytes: Vec<u8> = row.iter().flat_map(|p| p.to_array().map(f32::to_le_bytes)).flatten().collect();
+            hasher.update(&bytes);
+        }
+        hasher.finalize().to_hex().to_string()
+    }
 }

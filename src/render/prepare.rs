@@ -180,6 +180,11 @@ fn radiance_scale(scene: &Scene) -> f64 {
     if high > 0.0 { (-0.5 * (low.log2() + high.log2())).round().exp2() } else { 1.0 }
 }
 
+/// Subnormal numbers as zeros: devices differ in what they make of them.
+fn normal_or_zero(v: Vec3) -> Vec3 {
+    Vec3::from_array(v.to_array().map(|x| if x.is_subnormal() { 0.0 } else { x }))
+}
+
 /// From world to normalised space: bounds to [-1, 1]³, by a power of two so that it is exact.
 #[derive(Debug, Clone, Copy)]
 pub struct Normalisation {
@@ -234,7 +239,8 @@ impl PreparedScene {
             return Err(PrepareError::TooManyTriangles(mesh.triangles.len()));
         }
         let normalisation = Normalisation::of(scene);
-        let points: Vec<Vec3> = mesh.positions.iter().map(|p| normalisation.point(*p).as_vec3()).collect();
+        let points: Vec<Vec3> =
+            mesh.positions.iter().map(|p| normal_or_zero(normalisation.point(*p).as_vec3())).collect();
         let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.positions.map(|i| points[i as usize])).collect();
         if kind == BvhKind::List && corners.len() > bvh::MAX_LISTED {
             return Err(PrepareError::TooManyListed(corners.len()));
@@ -507,7 +513,7 @@ fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation, corners: 
         right = forward.cross(forward.any_orthonormal_vector()).normalize();
     }
     let up = right.cross(forward);
-    let half_height = (0.5 * camera.vfov.to_radians()).tan();
+    let half_height = libm::tan(0.5 * camera.vfov.to_radians());
     let mut frame: Frame = bytemuck::Zeroable::zeroed();
     let eye = clear_of_surfaces(normalisation.point(camera.eye), forward, corners);
     let distance = ray_start(eye, forward);
@@ -707,7 +713,7 @@ impl Sky {
                 let mean =
                     0.125 * (across(x, y.saturating_sub(1)) + across(x, (y + 1).min(height - 1))) + 0.75 * across(x, y);
                 let angle = |row: usize| PI * row as f64 / height as f64;
-                mean * (angle(y).cos() - angle(y + 1).cos())
+                mean * (libm::cos(angle(y)) - libm::cos(angle(y + 1)))
             })
             .collect();
         let total: f64 = weights.iter().sum();

@@ -433,7 +433,7 @@ impl Camera {
         const MARGIN: f64 = 1.05;
         let centre = 0.5 * (low + high);
         let radius = 0.5 * low.distance(high);
-        let distance = MARGIN * radius / (0.5 * VFOV).to_radians().sin();
+        let distance = MARGIN * radius / libm::sin((0.5 * VFOV).to_radians());
         Self {
             eye: centre + distance * DVec3::new(0.0, 0.25, 1.0).normalize(),
             target: centre,

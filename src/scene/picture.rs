@@ -129,7 +129,7 @@ fn srgb_to_linear(value: u16) -> f32 {
     let x = f64::from(value) / f64::from(u16::MAX);
     let linear = match x <= 0.04045 {
         true => x / 12.92,
-        false => ((x + 0.055) / 1.055).powf(2.4),
+        false => libm::pow((x + 0.055) / 1.055, 2.4),
     };
     linear as f32
 }

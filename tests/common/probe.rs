@@ -1,6 +1,7 @@
 //! Calls of single GLSL functions: the probes of `tests/shaders`, on what kernels see of a scene.
 
 use std::f64::consts::TAU;
+use std::sync::LazyLock;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3, Vec4};
@@ -10,7 +11,7 @@ use raywave::layout::Batch;
 use raywave::recording::Recording;
 use raywave::render::{Plan, PreparedScene, Settings, forms_for, scene_buffers};
 use raywave::scene::{Camera, Environment, Material, Mesh, RenderDefaults, Scene, Surface, Triangle};
-use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Kernel, Variant};
+use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Forms, Kernel, Library, Variant};
 use raywave::stats::SplitMix64;
 
 use super::assert_silent;
@@ -24,6 +25,18 @@ pub struct Bench {
     pub settings: Settings,
     /// How kernels reach memory; the device's own way without.
     pub access: Option<Access>,
+    /// What portable quotients and roots are made of; what suits the device without.
+    pub forms: Option<Forms>,
+    /// Functions that stand for the driver's own operations.
+    pub driver: Option<&'static Library>,
+    /// Invocations of a workgroup; 256 without, or as many as there may be.
+    pub workgroup_size: Option<u32>,
+}
+
+/// A driver that does all that Vulkan lets it do: `tests/shaders/hostile.glsl`.
+pub fn hostile() -> &'static Library {
+    static LIBRARY: LazyLock<Library> = LazyLock::new(|| Library::of_words(HOSTILE));
+    &LIBRARY
 }
 
 impl Bench {
@@ -37,13 +50,16 @@ impl Bench {
             scene: PreparedScene::with_bvh(scene, kind).expect("the scene fits"),
             settings: Settings::of(scene),
             access: None,
+            forms: None,
+            driver: None,
+            workgroup_size: None,
         }
     }
 
     /// What the probe of that name gives for each input.
     pub fn run<I: Pod, O: Pod>(&self, name: &str, inputs: &[I]) -> Vec<O> {
         let kernel = PROBES.iter().find(|kernel| kernel.name == name).expect("tests name probes that exist");
-        let workgroup_size = self.device.description().max_workgroup_size.min(256);
+        let workgroup_size = self.workgroup_size.unwrap_or(256).min(self.device.description().max_workgroup_size);
         let items = inputs.len() as u32;
         let plan = Plan {
             width: items,
@@ -68,8 +84,8 @@ impl Bench {
             buffers: scene_buffers(&self.scene, &self.settings, &frame).chain(probe_buffers).collect(),
             access: self.access,
             edition: Edition::Plain,
-            arithmetic: Arithmetic::Portable(forms_for(&self.device)),
-            driver: None,
+            arithmetic: Arithmetic::Portable(self.forms.unwrap_or_else(|| forms_for(&self.device))),
+            driver: self.driver,
         };
         let mut executor = Executor::new(&self.device, description).expect("the probe is built");
         let batch =
