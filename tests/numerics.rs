@@ -416,25 +416,3 @@ fn walls_along_an_axis_do_not_turn_by_the_last_bit() {
         }
     }
 }
-
-#[test]
-fn each_invocation_has_a_stack_of_its_own() {
-    let device = device();
-    let largest = device.description().max_workgroup_size.min(256);
-    for workgroup_size in [1, 8, 32, 64, largest] {
-        // The last workgroup is not full.
-        let items = 5 * workgroup_size + workgroup_size.div_ceil(3);
-        let mut bench = Bench::new(&device, &any_scene());
-        bench.workgroup_size = Some(workgroup_size);
-        let places: Vec<[u32; 4]> = bench.run("stack_places", &vec![[0_u32; 4]; items as usize]);
-        let stacks = items.div_ceil(workgroup_size) * workgroup_size;
-        let mut all = places.into_flattened();
-        assert!(
-            all.iter().all(|place| *place < 4 * stacks),
-            "{workgroup_size} invocations a workgroup: a place outside"
-        );
-        all.sort_unstable();
-        all.dedup();
-        assert_eq!(all.len(), 4 * items as usize, "{workgroup_size} invocations a workgroup: places are shared");
-    }
-}

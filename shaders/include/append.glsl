@@ -4,7 +4,8 @@
 #include "path_state.glsl"
 
 // Adds one to COUNTER for every invocation whose `wanted` holds and yields its place. Call it in
-// uniform control flow.
+// uniform control flow. It holds for any lanes that come to it together, as long as they are together again behind the
+// branch of the one that counts: the host builds kernels with ballots where the driver promises that.
 #ifdef SUBGROUP_BALLOT
 #define APPEND(COUNTER, WANTED, PLACE) { \
     uvec4 takers = subgroupBallot(WANTED); \

@@ -153,21 +153,23 @@ Scatter scatter_specular(Material m, Surface surface, vec3 wo, float choice) {
         return mirrored;
     }
     if (HAS_GLASS) {
-        float eta = side > 0.0 ? m.ni : 1.0 / m.ni;
+        float inverse_ni = 1.0 / m.ni;
+        float eta = side > 0.0 ? m.ni : inverse_ni;
+        float inverse_eta = side > 0.0 ? inverse_ni : m.ni;
         float cos_i = min(dot(wo, n), 1.0);
         vec3 along = wo - cos_i * n;
         // The squared cosine beyond, times eta squared: a sum of small numbers where the angle grazes and
         // the indices are alike, so that matched glass is not seen, and where it is steep and little
         // can get out, so that very dense glass lets go of its light.
         float squared = cos_i < 0.7 ? (eta - 1.0) * (eta + 1.0) + cos_i * cos_i : eta * eta - dot(along, along);
-        float cos_t = sqrt(max(0.0, squared)) / eta;
+        float cos_t = sqrt(max(0.0, squared)) * inverse_eta;
         float reflectance = squared <= 0.0 ? 1.0 : 0.0;
         if (HAS_DIELECTRIC && (!HAS_REFRACTIVE || m.surface == SURFACE_DIELECTRIC)) {
             reflectance = squared <= 0.0 ? 1.0 : fresnel(cos_i, cos_t, eta);
         }
-        vec3 refracted = normalize(-along / eta - cos_t * n);
+        vec3 refracted = normalize(-along * inverse_eta - cos_t * n);
         // Radiance scales with the square of the index.
-        return choice < reflectance ? mirrored : Scatter(refracted, m.tf / (eta * eta), ONE_DIRECTION);
+        return choice < reflectance ? mirrored : Scatter(refracted, m.tf * (inverse_eta * inverse_eta), ONE_DIRECTION);
     }
     return mirrored;
 }

@@ -111,7 +111,7 @@ Surface surface_at(Hit hit) {
         // Opposite corner normals can cancel; geometry decides sides.
         float len = length(n);
         if (corners.w != 0u && len > 1e-6) {
-            n /= len;
+            n *= 1.0 / len;
             surface.shading_normal = dot(n, surface.geometric_normal) < 0.0 ? -n : n;
         }
     }

@@ -174,7 +174,7 @@ LightSample sample_light(Surface surface, vec3 wo, vec4 u) {
     } else {
         light = sample_triangles(surface, u.xyz);
     }
-    light.radiance /= choice_of(far);
+    light.radiance *= 1.0 / choice_of(far);
     light.density *= choice_of(far);
     return light;
 }

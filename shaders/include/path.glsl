@@ -172,7 +172,7 @@ Vertex shade_hit(inout Path path, Hit hit) {
         if (u.x < frame.roulette) {
             return vertex;
         }
-        path.throughput /= 1.0 - frame.roulette;
+        path.throughput *= 1.0 / (1.0 - frame.roulette);
     }
 
     Scatter scatter;
@@ -187,7 +187,7 @@ Vertex shade_hit(inout Path path, Hit hit) {
         if (u.x >= survival) {
             return vertex;
         }
-        path.throughput /= survival;
+        path.throughput *= 1.0 / survival;
     }
     if (MIS) {
         path.density = scatter.density;

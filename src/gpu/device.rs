@@ -4,12 +4,13 @@ use std::mem::ManuallyDrop;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use ash::vk;
+use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::error::{Action, GpuError};
 use super::instance::{DeviceDescription, Instance};
 use super::pipeline_cache::PipelineCache;
+use crate::shaders::Reconvergence;
 
 /// A device that can run kernels. Cheap to clone: clones are the same device.
 #[derive(Clone)]
@@ -51,7 +52,29 @@ impl Device {
         let queues = [vk::DeviceQueueCreateInfo::default()
             .queue_family_index(description.queue_family)
             .queue_priorities(&[1.0])];
-        let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues);
+        let mut maximal =
+            vk::PhysicalDeviceShaderMaximalReconvergenceFeaturesKHR::default().shader_maximal_reconvergence(true);
+        let mut uniform = vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default()
+            .shader_subgroup_uniform_control_flow(true);
+        let mut size_control = vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
+        let mut extensions = Vec::new();
+        let mut info = vk::DeviceCreateInfo::default().queue_create_infos(&queues);
+        match description.promises.reconvergence {
+            Some(Reconvergence::Maximal) => {
+                extensions.push(khr::shader_maximal_reconvergence::NAME.as_ptr());
+                info = info.push_next(&mut maximal);
+            }
+            Some(Reconvergence::UniformControlFlow) => {
+                extensions.push(khr::shader_subgroup_uniform_control_flow::NAME.as_ptr());
+                info = info.push_next(&mut uniform);
+            }
+            None => {}
+        }
+        if description.subgroup_size_varies {
+            extensions.push(ext::subgroup_size_control::NAME.as_ptr());
+            info = info.push_next(&mut size_control);
+        }
+        let info = info.enabled_extension_names(&extensions);
         // SAFETY: the physical device comes from this instance; `info` holds locals only.
         let raw = unsafe { instance.raw.create_device(description.raw, &info, None) }.during("opening the device")?;
         // SAFETY: the family was asked for with one queue.

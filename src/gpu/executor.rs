@@ -127,6 +127,7 @@ impl Executor {
             constants: description.specialization,
             arithmetic: description.arithmetic,
             driver: description.driver,
+            promises: limits.promises,
         };
         let specialized = |access| -> Vec<_> {
             let variants =

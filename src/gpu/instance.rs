@@ -3,10 +3,11 @@
 use std::ffi::{CStr, c_void};
 use std::sync::{Arc, Mutex};
 
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 
 use super::error::{Action, GpuError};
 use super::pipeline_cache::Identity;
+use crate::shaders::{Promises, Reconvergence};
 
 /// Layer that checks every call.
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -51,8 +52,13 @@ pub struct DeviceDescription {
     pub vulkan_version: String,
     /// Lanes of a subgroup.
     pub subgroup_size: u32,
-    /// Whether compute shaders have subgroup ballots, with the votes and sums that come with them.
+    /// Whether compute shaders have subgroup ballots, with the votes and sums that come with them, and lanes that parted
+    /// are promised to meet again in front of one: by the driver, or since software runs a subgroup under one mask.
     pub subgroup_ballot: bool,
+    /// What the driver promises kernels that ask.
+    pub promises: Promises,
+    /// Whether the driver may give kernels subgroups of several sizes unless one is asked for.
+    pub subgroup_size_varies: bool,
     /// Most bytes that a storage buffer binding can span.
     pub max_storage_buffer_bytes: u64,
     /// Most texels that a texel buffer can have.
@@ -77,6 +83,11 @@ pub struct DeviceDescription {
 }
 
 impl DeviceDescription {
+    /// Whether the rays of a subgroup can walk a tree together: packets part in loops, and must meet again there.
+    pub fn packets(&self) -> bool {
+        self.subgroup_ballot && (self.is_software() || self.promises.reconvergence == Some(Reconvergence::Maximal))
+    }
+
     /// A name for files of what belongs to this device and this version of its driver alone.
     pub fn cache_name(&self) -> String {
         self.identity.name()
@@ -214,10 +225,54 @@ impl Instance {
         device.memory_bytes.saturating_sub(free)
     }
 
+    fn reconvergence(&self, raw: vk::PhysicalDevice, has: impl Fn(&CStr) -> bool) -> Option<Reconvergence> {
+        let mut maximal = vk::PhysicalDeviceShaderMaximalReconvergenceFeaturesKHR::default();
+        let mut uniform = vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default();
+        let mut features = vk::PhysicalDeviceFeatures2::default();
+        if has(khr::shader_maximal_reconvergence::NAME) {
+            features = features.push_next(&mut maximal);
+        }
+        if has(khr::shader_subgroup_uniform_control_flow::NAME) {
+            features = features.push_next(&mut uniform);
+        }
+        // SAFETY: `raw` comes from this instance and has the extensions of the structs in the chain, which are locals.
+        unsafe { self.raw.get_physical_device_features2(raw, &mut features) };
+        if maximal.shader_maximal_reconvergence != 0 {
+            Some(Reconvergence::Maximal)
+        } else if uniform.shader_subgroup_uniform_control_flow != 0 {
+            Some(Reconvergence::UniformControlFlow)
+        } else {
+            None
+        }
+    }
+
+    /// Whether there are several sizes of subgroups, of which one can be asked for.
+    fn subgroup_size_varies(&self, raw: vk::PhysicalDevice, has: impl Fn(&CStr) -> bool) -> bool {
+        if !has(ext::subgroup_size_control::NAME) {
+            return false;
+        }
+        let mut sizes = vk::PhysicalDeviceSubgroupSizeControlProperties::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut sizes);
+        let mut control = vk::PhysicalDeviceSubgroupSizeControlFeatures::default();
+        let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut control);
+        // SAFETY: `raw` comes from this instance and has the extension; the chains consist of locals.
+        unsafe {
+            self.raw.get_physical_device_properties2(raw, &mut properties);
+            self.raw.get_physical_device_features2(raw, &mut features);
+        }
+        sizes.min_subgroup_size < sizes.max_subgroup_size
+            && sizes.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE)
+            && control.subgroup_size_control != 0
+    }
+
     fn describe(&self, raw: vk::PhysicalDevice) -> DeviceDescription {
         let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
         let mut driver = vk::PhysicalDeviceDriverProperties::default();
-        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut subgroup).push_next(&mut driver);
+        let mut floats = vk::PhysicalDeviceFloatControlsProperties::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default()
+            .push_next(&mut subgroup)
+            .push_next(&mut driver)
+            .push_next(&mut floats);
         // SAFETY: `raw` comes from this instance, and the chain consists of locals. Structs that a
         // Vulkan 1.0 device does not know are left as they are.
         let (memory, families) = unsafe {
@@ -237,6 +292,9 @@ impl Instance {
             local.map(|(index, heap)| (index, heap.size)).max_by_key(|(_, size)| *size).unwrap_or((0, 0));
         // SAFETY: `raw` comes from this instance.
         let extensions = unsafe { self.raw.enumerate_device_extension_properties(raw) }.unwrap_or_default();
+        let has = |name: &CStr| extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name));
+        let reconvergence = self.reconvergence(raw, has);
+        let is_software = core.device_type == vk::PhysicalDeviceType::CPU;
         let unusable = if version < vk::API_VERSION_1_2 {
             Some("it has no Vulkan 1.2".to_owned())
         } else if family.is_none() {
@@ -264,12 +322,21 @@ impl Instance {
                 vk::api_version_patch(version)
             ),
             subgroup_size: subgroup.subgroup_size,
-            subgroup_ballot: subgroup.supported_operations.contains(
-                vk::SubgroupFeatureFlags::BASIC
-                    | vk::SubgroupFeatureFlags::VOTE
-                    | vk::SubgroupFeatureFlags::ARITHMETIC
-                    | vk::SubgroupFeatureFlags::BALLOT,
-            ) && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE),
+            promises: Promises {
+                reconvergence,
+                special_values: floats.shader_signed_zero_inf_nan_preserve_float32 != 0,
+                nearest_rounding: floats.shader_rounding_mode_rte_float32 != 0,
+                flushes_subnormals: floats.shader_denorm_flush_to_zero_float32 != 0,
+            },
+            subgroup_size_varies: self.subgroup_size_varies(raw, has),
+            subgroup_ballot: (is_software || reconvergence.is_some())
+                && subgroup.supported_operations.contains(
+                    vk::SubgroupFeatureFlags::BASIC
+                        | vk::SubgroupFeatureFlags::VOTE
+                        | vk::SubgroupFeatureFlags::ARITHMETIC
+                        | vk::SubgroupFeatureFlags::BALLOT,
+                )
+                && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_storage_buffer_bytes: u64::from(core.limits.max_storage_buffer_range),
             max_texel_buffer_elements: u64::from(core.limits.max_texel_buffer_elements),
             max_workgroup_size: core
@@ -279,9 +346,7 @@ impl Instance {
             max_workgroups: core.limits.max_compute_work_group_count[0],
             memory_bytes,
             heap,
-            has_memory_budget: extensions
-                .iter()
-                .any(|extension| extension.extension_name_as_c_str() == Ok(ext::memory_budget::NAME)),
+            has_memory_budget: has(ext::memory_budget::NAME),
             timestamp_period: core.limits.timestamp_period,
             unusable,
             identity: Identity {

@@ -137,11 +137,18 @@ impl Pipelines {
             .collect();
         let constants =
             vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(specialization));
-        let stage = vk::PipelineShaderStageCreateInfo::default()
+        let description = &self.device.description;
+        let mut size = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default()
+            .required_subgroup_size(description.subgroup_size);
+        let mut stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)
             .name(c"main")
             .specialization_info(&constants);
+        // Counts of lanes are of one size.
+        if description.subgroup_size_varies {
+            stage = stage.push_next(&mut size);
+        }
         let infos = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout)];
         // SAFETY: module and layout are alive, and the layout holds every binding of the kernel.
         let built = unsafe { self.device.raw.create_compute_pipelines(self.device.pipeline_cache.raw, &infos, None) };

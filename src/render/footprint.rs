@@ -9,7 +9,7 @@ use super::session::{kernels, path_records};
 use super::settings::{RouletteMode, Scheduler, Settings};
 use crate::constants::*;
 use crate::scene::{Integrator, Sampler};
-use crate::shaders::{self, Access, Arithmetic, Build, Edition};
+use crate::shaders::{self, Access, Arithmetic, Build, Edition, Promises};
 
 /// Kernels and buffers of a render.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -54,7 +54,12 @@ impl Footprint {
         let plan =
             Plan { width: 1, height: 1, tile_rows: 1, path_capacity: 1, workgroup_size: 256, paths_per_invocation };
         let constants = needs.specialization(settings, &plan, scene.bvh.kind);
-        let build = Build { constants: &constants, arithmetic: Arithmetic::Native, driver: None };
+        let build = Build {
+            constants: &constants,
+            arithmetic: Arithmetic::Native,
+            driver: None,
+            promises: Promises::default(),
+        };
         let mut bound = HashSet::new();
         let mut instructions = Vec::new();
         let scheduler = settings.scheduler_for(false, 32, scene.levels());

@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::plan::{DeviceLimits, Plan, SampleRange, Tile};
 use super::prepare::{Needs, PrepareError, PreparedScene, SceneBuffer};
-use super::settings::{Fetch, Numerics, Scheduler, Settings, ShadowRays, Sort};
+use super::settings::{Fetch, Numerics, Packets, Scheduler, Settings, ShadowRays, Sort};
 use super::{batch, bounce, megakernel, wavefront};
 use crate::bvh::BvhKind;
 use crate::constants::{COUNTED_BOUNCES, STAGES};
@@ -31,6 +31,10 @@ pub enum RenderError {
         "the driver leaves a kernel's loops before their end, so the image would be wrong; use another --scheduler than megakernel, or a smaller --shading-cost"
     )]
     CutLoops,
+    #[error(
+        "the driver does not promise that lanes which part in a loop meet again, as the rays of a packet must; leave out --packets"
+    )]
+    NoPackets,
     #[error("the megakernel keeps no queues, so there are no rays to dump; use --scheduler wavefront")]
     NoQueues,
     #[error(
@@ -495,7 +499,10 @@ pub(super) fn open_executor(
     plan: &Plan,
     names: &[&str],
     options: SessionOptions,
-) -> Result<Executor, GpuError> {
+) -> Result<Executor, RenderError> {
+    if settings.packets.unwrap_or_default() != Packets::default() && !device.description().packets() {
+        return Err(RenderError::NoPackets);
+    }
     let edition = if options.counting { Edition::Counting } else { Edition::Plain };
     let arithmetic = match settings.numerics {
         // Kernels that count have no use for speed.
@@ -506,7 +513,7 @@ pub(super) fn open_executor(
     let access = settings.fetch.map(|fetch| Access { texel_fetch: fetch == Fetch::Texel, subgroup_ballot: true });
     let frame = scene.frame(settings, plan.path_capacity);
     let kernels: Vec<_> = names.iter().map(|name| shaders::kernel(name)).collect();
-    Executor::new(
+    let executor = Executor::new(
         device,
         ExecutorDescription {
             kernels: &kernels,
@@ -519,7 +526,8 @@ pub(super) fn open_executor(
             arithmetic,
             driver: options.driver,
         },
-    )
+    )?;
+    Ok(executor)
 }
 
 /// Rays after the camera's, and shadow rays, over all bounces.

@@ -31,6 +31,29 @@ pub enum Edition {
     Counting,
 }
 
+/// When lanes of a subgroup that took different branches are together again. Without a promise a driver may keep them
+/// apart for as long as it likes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reconvergence {
+    /// As soon as the source says (VK_KHR_shader_maximal_reconvergence).
+    Maximal,
+    /// Where a branch ends that the whole subgroup came to together (VK_KHR_shader_subgroup_uniform_control_flow).
+    UniformControlFlow,
+}
+
+/// What a driver promises a kernel that asks for it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Promises {
+    /// Of lanes that parted.
+    pub reconvergence: Option<Reconvergence>,
+    /// Infinities, numbers that are none and signs of zeros are what they are: the driver does not take them to be absent.
+    pub special_values: bool,
+    /// Floats are rounded to nearest, ties to even.
+    pub nearest_rounding: bool,
+    /// Subnormal floats are zeros.
+    pub flushes_subnormals: bool,
+}
+
 /// How kernels reach memory. Whatever it is, they compute the same bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Access {

@@ -8,11 +8,11 @@ use std::collections::{HashMap, HashSet};
 
 use rspirv::binary::Assemble;
 use rspirv::dr::{Block, Instruction, Module, Operand};
-use rspirv::spirv::{Decoration, Op};
+use rspirv::spirv::{Capability, Decoration, ExecutionMode, Op};
 
 use super::arithmetic::{self, Arithmetic};
 use super::link::Library;
-use super::{Binding, PORTABLE_LIBRARY, Variant};
+use super::{Binding, PORTABLE_LIBRARY, Promises, Reconvergence, Variant};
 
 /// What a kernel is built for.
 #[derive(Debug, Clone, Copy)]
@@ -23,6 +23,8 @@ pub struct Build<'a> {
     pub arithmetic: Arithmetic,
     /// Functions that stand for the driver's own operations, for tests of what other drivers do; none otherwise.
     pub driver: Option<&'a Library>,
+    /// What the kernel can ask of the driver.
+    pub promises: Promises,
 }
 
 /// A kernel as it was built.
@@ -66,8 +68,56 @@ impl Variant {
         }
         arithmetic::lower(&mut module, build.arithmetic, &PORTABLE_LIBRARY, build.driver)
             .expect("build.rs has tried every form");
+        ask_for(&mut module, build);
         Specialized { words: module.assemble(), bindings, push_constant_size: self.push_constant_size, instructions }
     }
+}
+
+/// Asks the driver for what it promises: that lanes meet again, in a kernel with subgroup operations, and, unless it may
+/// do as it likes, that floats are what they should be.
+fn ask_for(module: &mut Module, build: &Build<'_>) {
+    let Promises { reconvergence, special_values, nearest_rounding, flushes_subnormals } = build.promises;
+    let has = |capability| {
+        let is = |i: &Instruction| i.operands.first() == Some(&Operand::Capability(capability));
+        module.capabilities.iter().any(is)
+    };
+    let subgroups = has(Capability::GroupNonUniform);
+    let bound = build.arithmetic != Arithmetic::Contracted;
+    let entry = module.entry_points[0].operands[1].clone();
+    let mut mode = |mode, width: Option<u32>| {
+        let operands = [entry.clone(), Operand::ExecutionMode(mode)].into_iter();
+        let operands = operands.chain(width.map(Operand::LiteralBit32)).collect();
+        module.execution_modes.push(Instruction::new(Op::ExecutionMode, None, None, operands));
+    };
+    let mut capabilities = Vec::new();
+    let mut extension = None;
+    match reconvergence {
+        Some(Reconvergence::Maximal) if subgroups => {
+            mode(ExecutionMode::MaximallyReconvergesKHR, None);
+            extension = Some("SPV_KHR_maximal_reconvergence");
+        }
+        Some(Reconvergence::UniformControlFlow) if subgroups => {
+            mode(ExecutionMode::SubgroupUniformControlFlowKHR, None);
+            extension = Some("SPV_KHR_subgroup_uniform_control_flow");
+        }
+        _ => {}
+    }
+    if special_values && bound {
+        mode(ExecutionMode::SignedZeroInfNanPreserve, Some(32));
+        capabilities.push(Capability::SignedZeroInfNanPreserve);
+    }
+    if nearest_rounding && bound {
+        mode(ExecutionMode::RoundingModeRTE, Some(32));
+        capabilities.push(Capability::RoundingModeRTE);
+    }
+    if flushes_subnormals && bound {
+        mode(ExecutionMode::DenormFlushToZero, Some(32));
+        capabilities.push(Capability::DenormFlushToZero);
+    }
+    let capability = |capability| Instruction::new(Op::Capability, None, None, vec![Operand::Capability(capability)]);
+    module.capabilities.extend(capabilities.into_iter().map(capability));
+    let name = |name: &str| Instruction::new(Op::Extension, None, None, vec![Operand::LiteralString(name.to_owned())]);
+    module.extensions.extend(extension.map(name));
 }
 
 fn label(block: &Block) -> u32 {

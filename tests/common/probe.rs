@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3, Vec4};
 use raywave::bvh::BvhKind;
 use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription};
-use raywave::layout::Batch;
+use raywave::layout::{Batch, Control};
 use raywave::recording::Recording;
 use raywave::render::{Plan, PreparedScene, Settings, forms_for, scene_buffers};
 use raywave::scene::{Camera, Environment, Material, Mesh, RenderDefaults, Scene, Surface, Triangle};
@@ -76,6 +76,7 @@ impl Bench {
         let probe_buffers = [
             state("probe_inputs", input_bytes.len() as u64, Some(input_bytes)),
             state("probe_outputs", output_size as u64, None),
+            state("control", size_of::<Control>() as u64, None),
             state("stack_blocks", self.scene.needs(&self.settings).stack_bytes(plan.stacks()).max(16), None),
         ];
         let description = ExecutorDescription {
