@@ -1,5 +1,6 @@
 //! Compiles every kernel of `shaders/` to SPIR-V and writes the kernel table; and the probes of
-//! `tests/shaders/`, kernels that let the tests call single functions, into a table of their own.
+//! `tests/shaders/`, kernels that let the tests call single functions, what `shaders/facts/` measures a device by, and
+//! the kernels of the self-test, each into a table of its own.
 //!
 //! Each `NAME.comp` is compiled once for every [`Edition`] and every entry of [`ACCESSES`]. From the SPIR-V itself
 //! come the bindings, their access, the push-constant size and the block layouts that the tests
@@ -57,11 +58,16 @@ const FORMS: [(&str, &str, &str); 4] = [
     ("traversal_packets", "traversal", "PACKETS"),
 ];
 
-/// Where the kernels' own functions lie, and then what probes share.
-const INCLUDES: [&str; 2] = ["shaders/include", PROBES];
+/// Where the kernels' own functions lie, and then what the self-test's kernels share, and probes.
+const INCLUDES: [&str; 3] = ["shaders/include", SELFTEST, PROBES];
+
+/// The folder of the self-test's kernels, which need the exact edition alone.
+const SELFTEST: &str = "shaders/selftest";
 
 /// The probes' folder. A packaged source need not have it.
 const PROBES: &str = "tests/shaders";
+/// Kernels that measure what a device is like.
+const FACTS: &str = "shaders/facts";
 
 fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
@@ -71,18 +77,20 @@ fn main() {
     for source in ["shaders", PROBES, "src/constants.rs", "src/shaders/arithmetic.rs", "src/shaders/link.rs"] {
         println!("cargo::rerun-if-changed={source}");
     }
-    let [(portable, portable_entry), (hostile, hostile_entry)] = match compile_libraries(&out) {
+    let [(portable, portable_entry), (_, hostile_entry)] = match compile_libraries(&out) {
         Ok(libraries) => libraries,
         Err(error) => {
             eprintln!("{error}");
             process::exit(1);
         }
     };
-    let libraries = [portable, hostile];
-    let kernels = Table::of("shaders", &EDITIONS, &libraries, &out);
-    let probes = Table::of(PROBES, &[Edition::Plain], &libraries, &out);
+    let kernels = Table::of("shaders", &EDITIONS, Some(&portable), &out);
+    let probes = Table::of(PROBES, &[Edition::Plain], Some(&portable), &out);
+    // They ask what the device itself does.
+    let [facts, selftest] = [FACTS, SELFTEST].map(|folder| Table::of(folder, &[Edition::Plain], None, &out));
 
-    let errors: Vec<_> = [&kernels, &probes].into_iter().flat_map(|table| &table.errors).cloned().collect();
+    let tables = [&kernels, &probes, &facts, &selftest];
+    let errors: Vec<_> = tables.into_iter().flat_map(|table| &table.errors).cloned().collect();
     if !errors.is_empty() {
         eprintln!("{}", errors.join("\n"));
         process::exit(1);
@@ -94,11 +102,16 @@ fn main() {
         kernels.entries
     );
     fs::write(out.join("kernels.rs"), text).expect("OUT_DIR can be written");
-    let text = format!(
-        "/// Every probe, sorted by name.\npub static PROBES: &[Kernel] = &[\n{}];\n{hostile_entry}",
-        probes.entries
-    );
-    fs::write(out.join("probes.rs"), text).expect("OUT_DIR can be written");
+    let tables = [
+        ("PROBES", "probes.rs", probes, hostile_entry),
+        ("FACTS", "facts.rs", facts, String::new()),
+        ("SELFTEST", "selftest.rs", selftest, String::new()),
+    ];
+    for (name, file, table, more) in tables {
+        let doc = "/// Every kernel, sorted by name.\n";
+        let text = format!("{doc}pub static {name}: &[Kernel] = &[\n{}];\n{more}", table.entries);
+        fs::write(out.join(file), text).expect("OUT_DIR can be written");
+    }
 }
 
 /// The kernels of a folder as Rust text.
@@ -112,7 +125,7 @@ struct Table {
 }
 
 impl Table {
-    fn of(folder: &str, editions: &[Edition], libraries: &[Library], out: &Path) -> Self {
+    fn of(folder: &str, editions: &[Edition], portable: Option<&Library>, out: &Path) -> Self {
         let mut paths: Vec<PathBuf> = fs::read_dir(folder)
             .map(|entries| entries.map(|entry| entry.expect("a shader folder can be read").path()).collect())
             .unwrap_or_default();
@@ -131,7 +144,7 @@ impl Table {
         thread::scope(|scope| {
             let of = |(name, path, form): &(String, PathBuf, Option<&'static str>)| {
                 let (name, path, form) = (name.clone(), path.clone(), *form);
-                scope.spawn(move || Self::of_kernel(folder, &name, &path, form, editions, libraries, out))
+                scope.spawn(move || Self::of_kernel(folder, &name, &path, form, editions, portable, out))
             };
             let threads: Vec<_> = kernels.iter().map(of).collect();
             threads.into_iter().fold(Self::default(), |mut all, kernel| {
@@ -151,7 +164,7 @@ impl Table {
         path: &Path,
         form: Option<&str>,
         editions: &[Edition],
-        libraries: &[Library],
+        portable: Option<&Library>,
         out: &Path,
     ) -> Self {
         let mut table = Self::default();
@@ -162,7 +175,7 @@ impl Table {
         for (index, (edition, macros)) in variants.enumerate() {
             let macros: Vec<&str> = macros.iter().copied().chain(form).collect();
             let built = compile(&compiler, path, &source, edition, &macros);
-            match built.and_then(|module| try_arithmetics(path, &module, libraries).map(|()| module)) {
+            match built.and_then(|module| check(path, &module, portable).map(|()| module)) {
                 Ok(module) => {
                     let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
                     fs::write(&file, to_bytes(&module)).expect("OUT_DIR can be written");
@@ -214,11 +227,17 @@ fn to_bytes(module: &Module) -> Vec<u8> {
     module.assemble().iter().flat_map(|word| word.to_ne_bytes()).collect()
 }
 
-/// Fails where an arithmetic has no form of an operation of the kernel, or leaves one to the driver.
-fn try_arithmetics(path: &Path, module: &Module, libraries: &[Library]) -> Result<(), String> {
+/// Fails where a kernel that renders counts invocations by another workgroup size than the host's, or an arithmetic has
+/// no form of an operation of it, or leaves one to the driver.
+fn check(path: &Path, module: &Module, portable: Option<&Library>) -> Result<(), String> {
+    let Some(portable) = portable else { return Ok(()) };
+    if counts_invocations_without_the_constant(module) {
+        let path = path.display();
+        return Err(format!("{path}: its code reads a workgroup size that is not the constant which the host sets"));
+    }
     for form in [Form::Native, Form::ByFma, Form::ByIntegers] {
         let arithmetic = Arithmetic::Portable(Forms { division: form, reciprocal: form, root: form });
-        arithmetic::lower(&mut module.clone(), arithmetic, &libraries[0], None)
+        arithmetic::lower(&mut module.clone(), arithmetic, portable, None)
             .map_err(|error| format!("{}: {error}; see docs/numerics.md", path.display()))?;
     }
     Ok(())
@@ -297,9 +316,6 @@ fn compile(
         .compile_into_spirv(source, shaderc::ShaderKind::Compute, &path, "main", Some(&options))
         .map_err(|error| error.to_string())?;
     let mut module = rspirv::dr::load_words(artifact.as_binary()).map_err(|error| format!("{path}: {error}"))?;
-    if counts_invocations_without_the_constant(&module) {
-        return Err(format!("{path}: its code reads a workgroup size that is not the constant which the host sets"));
-    }
     keep_loops_in_variables(&mut module);
     Ok(module)
 }

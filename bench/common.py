@@ -11,6 +11,7 @@ import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 CONFIDENCE = 0.95
+TOO_FEW = "too few rounds"
 # Two-sided 95 % quantiles of Student's t, by degrees of freedom.
 STUDENT = [12.71, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131]
 # Means of two renderers may differ by so many standard errors, and by this share besides: what they may round in other ways.
@@ -35,17 +36,18 @@ def median(values):
 def interval(values):
     """A confidence interval of the median, by order statistics: it asks nothing of how the values are spread.
 
-    The narrowest pair of k-th lowest and k-th highest that holds the median with at least 95 %; of fewer than 6 values,
-    lowest and highest, which hold it less often.
+    The narrowest pair of k-th lowest and k-th highest that holds the median with at least 95 %. Of fewer than 6 values not
+    even lowest and highest do, and there is none.
     """
     ordered = sorted(values)
     n = len(ordered)
+    if 2 / 2**n > 1 - CONFIDENCE:
+        return None, None
     # The median lies outside with the probability of fewer than k heads, or tails, in n throws.
     k, outside = 0, 0.0
     while k < n // 2 and 2 * (outside + math.comb(n, k) / 2**n) <= 1 - CONFIDENCE:
         outside += math.comb(n, k) / 2**n
         k += 1
-    k = max(k, 1)
     return ordered[k - 1], ordered[n - k]
 
 
@@ -100,16 +102,25 @@ def verdict(ratio, target):
     """Whether a target is met: by the median. What lies in the interval is said to."""
     if target is None:
         return "-"
+    if ratio["low"] is None:
+        return TOO_FEW
     word = "met" if ratio["median"] >= target else "missed"
     return word if not ratio["low"] < target <= ratio["high"] else f"{word}, within noise"
 
 
-def millions(estimate):
-    return f"{estimate['median'] / 1e6:.2f} [{estimate['low'] / 1e6:.2f}, {estimate['high'] / 1e6:.2f}]"
+def with_interval(estimate, show):
+    """A median and its interval, or why there is none; `show` makes text of a number."""
+    if estimate["low"] is None:
+        return f"{show(estimate['median'])}, {TOO_FEW}"
+    return f"{show(estimate['median'])} [{show(estimate['low'])}, {show(estimate['high'])}]"
+
+
+def millions(estimate, digits=2):
+    return with_interval(estimate, lambda value: f"{value / 1e6:.{digits}f}")
 
 
 def ratio_text(ratio):
-    return f"{ratio['median']:.2f} [{ratio['low']:.2f}, {ratio['high']:.2f}]"
+    return with_interval(ratio, lambda value: f"{value:.2f}")
 
 
 def table(head, rows):

@@ -83,7 +83,9 @@ def plot(rows):
     """Speeds over triangles as SVG, with the interval of each median."""
     left, right, top, bottom, width, height = 70, 830, 16, 360, 960, 410
     speeds = [ray["rays_per_second"] for row in rows for ray in row["rays"].values()]
-    low, high = math.log10(min(s["low"] for s in speeds)) - 0.05, math.log10(max(s["high"] for s in speeds)) + 0.05
+    # Of too few rounds there is no interval.
+    ends = [value for speed in speeds for value in (speed["low"], speed["median"], speed["high"]) if value is not None]
+    low, high = math.log10(min(ends)) - 0.05, math.log10(max(ends)) + 0.05
     first, last = math.log10(rows[0]["triangles"]), math.log10(rows[-1]["triangles"])
     x = lambda value: left + (math.log10(value) - first) / (last - first) * (right - left)
     y = lambda value: bottom - (math.log10(value) - low) / (high - low) * (bottom - top)
@@ -103,9 +105,10 @@ def plot(rows):
         line = " ".join(f"{px:.1f},{y(speed['median']):.1f}" for px, speed, _ in points)
         parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"/>')
         for px, speed, row in points:
-            parts.append(f'<line x1="{px:.1f}" x2="{px:.1f}" y1="{y(speed["low"]):.1f}" y2="{y(speed["high"]):.1f}" stroke="{colour}" stroke-width="4"/>'
-                         f'<circle cx="{px:.1f}" cy="{y(speed["median"]):.1f}" r="4" fill="{colour}"><title>{name}, {row["triangles"]:,} triangles: '
-                         f'{speed["median"] / 1e6:.3f} M rays/s, 95 % [{speed["low"] / 1e6:.3f}, {speed["high"] / 1e6:.3f}]</title></circle>')
+            if speed["low"] is not None:
+                parts.append(f'<line x1="{px:.1f}" x2="{px:.1f}" y1="{y(speed["low"]):.1f}" y2="{y(speed["high"]):.1f}" stroke="{colour}" stroke-width="4"/>')
+            parts.append(f'<circle cx="{px:.1f}" cy="{y(speed["median"]):.1f}" r="4" fill="{colour}"><title>{name}, {row["triangles"]:,} triangles: '
+                         f'{common.millions(speed, 3)} M rays/s</title></circle>')
         parts.append(f'<text x="{right + 10}" y="{y(points[-1][1]["median"]) + 4:.1f}" fill="{colour}">{name}</text>')
     return "\n".join(parts + ["</svg>"])
 
@@ -120,7 +123,7 @@ def table(rows):
         for name, _ in RAYS:
             ray = row["rays"][name]
             speed = ray["rays_per_second"]
-            cells += [f"{speed['median'] / 1e6:.3f} [{speed['low'] / 1e6:.3f}, {speed['high'] / 1e6:.3f}]",
+            cells += [common.millions(speed, 3),
                       f"{ray['nodes_visited_per_ray']:.2f}", f"{ray['triangles_tested_per_ray']:.2f}"]
         cells += [f"{row['bvh_build_triangles_per_second'] / 1e6:.2f}", f"{row['device_bytes_per_triangle']:.1f}"]
         parts.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")

@@ -43,7 +43,7 @@ void main() {
         }
         bool ends = !vertex.continues;
         while (ends) {
-            radiances.rgb[slot] = vec4(radiance, 0.0);
+            radiances.rgb[batch.first_slot + slot] = vec4(radiance, 0.0);
             live = false;
             // Take the next path at once rather than wait for the subgroup's longest. Its slot is
             // known beforehand: a shared counter would let the workgroups that a device runs first

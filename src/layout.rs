@@ -276,4 +276,6 @@ pub struct Batch {
     pub bounce: u32,
     /// Place of the first pixel in the film, which holds a tile of the image.
     pub film_pixel: u32,
+    /// Where the radiances of the megakernel's paths begin: several launches fill what one resolve takes.
+    pub first_slot: u32,
 }

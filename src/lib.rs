@@ -8,8 +8,10 @@
 pub mod alias;
 pub mod bvh;
 pub mod cli;
+pub mod clocks;
 pub mod constants;
 pub mod export;
+pub mod facts;
 pub mod film;
 pub mod gpu;
 pub mod layout;
@@ -18,6 +20,7 @@ pub mod rays;
 pub mod recording;
 pub mod render;
 pub mod scene;
+pub mod selftest;
 pub mod shaders;
 pub mod stability;
 pub mod stats;

@@ -1,17 +1,20 @@
 //! The benches of `bench/`: they run without their peers, and say what is missing where they are asked for one.
 
+#[path = "common/project.rs"]
+mod project;
+
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
 
+use project::{program, project_file};
 use tempfile::TempDir;
-
-const RAYWAVE: &str = env!("CARGO_BIN_EXE_raywave");
 
 fn bench(name: &str, arguments: &[&str]) -> Command {
     let mut command = Command::new("python3");
-    let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("bench").join(name);
-    command.arg(program).args(["--raywave", RAYWAVE]).args(arguments);
+    command.arg(project_file("bench").join(name)).arg("--raywave").arg(program()).args(arguments);
     command
 }
 
@@ -51,7 +54,10 @@ fn rows(text: &str) -> Vec<Vec<&str>> {
 
 /// The first number of a cell.
 fn number(cell: &str) -> f64 {
-    cell.split(' ').next().and_then(|word| word.parse().ok()).unwrap_or_else(|| panic!("{cell} begins with a number"))
+    cell.split([' ', ','])
+        .next()
+        .and_then(|word| word.parse().ok())
+        .unwrap_or_else(|| panic!("{cell} begins with a number"))
 }
 
 /// A folder with a program in it that fails.
@@ -116,6 +122,169 @@ fn rays_are_measured_as_the_scene_grows() {
     assert!(fs::read_to_string(html).expect("it is written").contains("</svg>"));
 }
 
+/// `bench/gpu` of the project that lies in `root`.
+fn gpu(root: &Path, raywave: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(root.join("bench/gpu"));
+    command.current_dir(root).arg("--raywave").arg(raywave).args(arguments);
+    command
+}
+
+/// What it wrote, what it said, and its exit code.
+fn ended(mut command: Command) -> (String, String, Option<i32>) {
+    let Output { status, stdout, stderr } = command.output().expect("bash starts");
+    let [out, err] = [stdout, stderr].map(|bytes| String::from_utf8(bytes).expect("text"));
+    (out, err, status.code())
+}
+
+#[test]
+fn a_gpu_is_measured_once() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let results = folder.path().join("results");
+    let measure = |more: &[&str]| {
+        let mut command = gpu(&project_file(""), &program(), &["--quick", "--minutes", "20", "--only", "renders"]);
+        command.arg("--out").arg(&results).args(more);
+        ended(command)
+    };
+    let (summary, said, code) = measure(&["cornell-box"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(fs::read_to_string(results.join("summary.md")).expect("it is written"), summary);
+    let rows = rows(summary.split("## renders").nth(1).expect("a section of the part"));
+    assert_eq!(rows.iter().map(|row| row[0]).collect::<Vec<_>>(), ["list", "bvh2", "cwbvh", "bvh4"]);
+    for row in rows {
+        assert!(row.len() == 5 && row[2..].iter().all(|cell| number(cell) > 0.0), "{row:?}");
+    }
+    let render = read_json(&results.join("renders/cornell-box.16384.bvh4.wavefront.json"));
+    assert_eq!(render["settings"]["bvh"], "bvh4");
+    assert_eq!(render["settings"]["scheduler"], "wavefront");
+
+    let (again, said, code) = measure(&["cornell-box"]);
+    assert!(code == Some(0) && again == summary && said.contains("renders: done already"), "{said}");
+    // Another choice of scenes does not mix with it.
+    let (_, said, code) = measure(&["cornell-glass"]);
+    assert!(code == Some(2) && said.contains("name another folder by --out"), "{said}");
+}
+
+/// A project of `bench/gpu` and a program that answers at once: with the digest that `digest` names, but in scenes that
+/// have "odd" in their name, and with no image in those that have "bad". A file `slow` in the project has it sleep.
+fn fake_project() -> TempDir {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let place = |name: &str| folder.path().join(name);
+    for name in ["bench", "tests", "scenes"] {
+        fs::create_dir(place(name)).expect("a temporary folder");
+    }
+    fs::copy(project_file("bench/gpu"), place("bench/gpu")).expect("the bench is there");
+    fs::write(place("scenes/plain.toml"), "").expect("a temporary file");
+    let script = r#"#!/bin/bash
+case "$*" in
+    devices) echo '0 Abacus  (chosen)' ;;
+    --version) echo 'raywave 0' ;;
+    render*--help) ;;
+    render*)
+        echo "$*" >>calls
+        [ ! -e slow ] || sleep 0.3
+        case $2 in *odd*) digest=7 ;; *bad*) echo 'error: a wheel is broken' >&2; exit 1 ;; *) digest=42 ;; esac
+        while [ "$1" != --stats ]; do shift; done
+        printf '{\n  "samples": 64,\n  "gpu_seconds": 0.5,\n  "pixels_blake3": "%s"\n}\n' $digest >"$2"
+        ;;
+    *) exit 2 ;;
+esac
+"#;
+    fs::write(place("raywave"), script).expect("a temporary file");
+    fs::set_permissions(place("raywave"), fs::Permissions::from_mode(0o755)).expect("it is ours");
+    folder
+}
+
+#[test]
+fn pixels_that_are_not_those_of_the_project_are_told() {
+    let folder = fake_project();
+    let digest = |scene: &str| {
+        format!(
+            "[[digest]]\nscene = \"{scene}\"\nintegrator = \"mis\"\nwidth = 96\nsamples = 4\npixels_blake3 = \"42\"\n"
+        )
+    };
+    let run = |scenes: &[&str], out: &str| {
+        let table: String = scenes.iter().map(|scene| digest(scene)).collect();
+        fs::write(folder.path().join("tests/digests.toml"), table).expect("a temporary file");
+        ended(gpu(folder.path(), Path::new("./raywave"), &["--only", "digests", "--out", out, "scenes/plain.toml"]))
+    };
+    let (summary, said, code) = run(&["plain", "other"], "right");
+    assert!(code == Some(0) && summary.contains("`tests/digests.toml`: 2 of 2."), "{said}{summary}");
+    let calls = fs::read_to_string(folder.path().join("calls")).expect("it was called");
+    assert!(calls.contains("scenes/plain.toml --integrator mis --width 96 --samples 4 -o "), "{calls}");
+
+    let (summary, said, code) = run(&["plain", "odd", "bad"], "wrong");
+    assert_eq!(code, Some(1), "{said}");
+    assert!(summary.contains("`tests/digests.toml`: 1 of 3."), "{summary}");
+    assert!(summary.contains("WRONG: other pixels in 1 renders: odd.integrator-mis.width-96.samples-4\n"), "{summary}");
+    assert!(summary.contains("exit code 1: error: a wheel is broken"), "{summary}");
+}
+
+#[test]
+fn a_gpu_that_is_taken_away_is_measured_on_later() {
+    let folder = fake_project();
+    let calls = || fs::read_to_string(folder.path().join("calls")).unwrap_or_default().lines().count();
+    let measure = || gpu(folder.path(), Path::new("./raywave"), &["--only", "renders", "--quick", "scenes/plain.toml"]);
+    fs::write(folder.path().join("slow"), "").expect("a temporary file");
+    let child = measure().stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("bash starts");
+    while calls() < 2 {
+        sleep(Duration::from_millis(20));
+    }
+    // To bash alone: a terminal would tell the program too.
+    let kill = format!("kill -INT {}", child.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().expect("sh starts").success());
+    assert_eq!(child.wait_with_output().expect("it ends").status.code(), Some(130));
+    let results = folder.path().join("gpu-results");
+    assert!(results.join("renders.unfinished.md").exists() && !results.join("renders.md").exists());
+    let kept = fs::read_dir(results.join("renders")).expect("the part's folder").count() - 1;
+    let begun = calls();
+
+    fs::remove_file(folder.path().join("slow")).expect("it is there");
+    let (summary, said, code) = ended(measure());
+    assert_eq!(code, Some(0), "{said}");
+    assert!(!summary.contains("UNFINISHED") && !results.join("renders.unfinished.md").exists());
+    // Three schedulers by three BVHs; what was finished was not rendered again.
+    assert!((1..9).contains(&kept), "{kept}");
+    assert_eq!(calls() - begun, 9 - kept);
+}
+
+#[test]
+fn parts_are_listed_and_others_are_refused() {
+    let (list, _, code) = ended(gpu(&project_file(""), &program(), &["--list"]));
+    let seconds = list.lines().map(|line| line.split_whitespace().nth(1).and_then(|word| word.parse::<u32>().ok()));
+    assert_eq!((seconds.sum::<Option<u32>>(), code), (Some(360), Some(0)), "{list}");
+    for (arguments, words) in [
+        (&["--only", "selftest,abacus"][..], "there is no part abacus"),
+        (&["--minutes", "0"], "--minutes takes a whole number"),
+        (&["--abacus"], "there is no flag --abacus"),
+        (&["--out"], "--out asks for a value"),
+        (&["--device", "abacus"], "no device"),
+    ] {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let mut command = gpu(&project_file(""), &program(), arguments);
+        command.current_dir(folder.path());
+        let (_, said, code) = ended(command);
+        assert!(code == Some(2) && said.contains(words), "{said}");
+    }
+}
+
+#[test]
+fn the_host_is_told_from_the_device() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let json = folder.path().join("host.json");
+    let json = json.to_str().expect("a plain path");
+    let small = ["--scale", "0.02", "--repeats", "1", "--cases", "compare,dump-rays,replay", "--json", json];
+    let device = ["--device", "llvmpipe"];
+    let text = printed(bench("host", &[&small[..], &device].concat()));
+    let cases: Vec<_> = rows(&text).iter().map(|row| row[0].to_owned()).collect();
+    assert_eq!(cases, ["compare", "dump-rays", "replay"], "{text}");
+    for row in read_json(Path::new(json))["rows"].as_array().expect("a row a case") {
+        let [all, device, wall] =
+            ["all", "device", "wall"].map(|of| row[format!("{of}_seconds_of_the_command")][0].as_f64());
+        assert!(device > Some(0.0) && device < all && wall > Some(0.0), "{row}");
+    }
+}
+
 #[test]
 fn what_is_missing_is_told_with_its_package() {
     let compiler = failing("g++");
@@ -127,7 +296,8 @@ fn what_is_missing_is_told_with_its_package() {
     let python = failing("python");
     let python = python.path().join("python");
     let python = python.to_str().expect("a plain path");
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/bench/common.py");
+    let script = project_file("bench/common.py");
+    let script = script.to_str().expect("a plain path");
     for (name, case) in [("samples", "cornell-box"), ("vs_mitsuba", "cornell-glass")] {
         let line = complaint(bench(name, &["--oracle", script, "--python", python, "--cases", case]));
         assert!(line.contains("pip install mitsuba numpy"), "{line}");
@@ -155,6 +325,8 @@ fn bad_arguments_are_told_in_a_line() {
         ("vs_mitsuba", ["--cases", "teapot"], "teapot is none of"),
         ("vs_mitsuba", ["--rounds", "2"], "--rounds must be 3 or more"),
         ("vs_mitsuba", ["--budget", "0"], "--budget must be above 0"),
+        ("host", ["--cases", "sleep"], "sleep is none of"),
+        ("host", ["--scale", "2"], "--scale must be above 0 and at most 1"),
         ("bias", ["--half", "0"], "--half must be above 0"),
         ("bias", ["--way", "mis"], "--way must be given twice or more"),
     ] {
@@ -176,7 +348,7 @@ def bench(name):
     return module
 ";
     let mut command = Command::new("python3");
-    command.args(["-B", "-c", &format!("{MODULES}{script}")]).current_dir(env!("CARGO_MANIFEST_DIR"));
+    command.args(["-B", "-c", &format!("{MODULES}{script}")]).current_dir(project_file(""));
     let Output { status, stderr, .. } = output(command);
     assert!(status.success(), "{}", String::from_utf8_lossy(&stderr));
 }
@@ -186,7 +358,7 @@ fn intervals_hold_the_median_as_often_as_they_say() {
     assert_python(
         "
 assert common.interval(range(1, 12)) == (2, 10)
-assert common.interval([5, 1, 3]) == (1, 5)
+assert common.interval([5, 1, 3]) == (None, None)
 assert common.median([4, 1, 3, 2]) == 2.5
 draw = random.Random(7)
 held = 0

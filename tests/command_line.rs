@@ -11,6 +11,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use common::device;
+use common::project::program;
 use glam::Vec3;
 use raywave::film::{Image, WriteOptions, image_bytes, read_image, read_metadata};
 use raywave::gpu::GpuError;
@@ -50,7 +51,7 @@ impl Folder {
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_raywave"));
+        let mut command = Command::new(program());
         // What was tuned on this machine is no part of a test.
         command.current_dir(self.0.path()).args(arguments).env("RAYWAVE_CACHE", "off");
         command
@@ -406,8 +407,12 @@ fn statistics_and_metadata_hold_every_setting() {
     for key in ["samples_per_second", "rays_per_second", "wall_seconds", "device_memory_bytes", "bvh_build_seconds"] {
         assert!(statistics[key].as_f64().is_some_and(|value| value > 0.0), "{key} in {json}");
     }
-    for key in ["gpu_seconds", "nonfinite_samples", "shadow_rays"] {
+    for key in ["gpu_seconds", "idle_seconds", "nonfinite_samples", "shadow_rays"] {
         assert!(statistics[key].is_number(), "{key} in {json}");
+    }
+    // No driver of software tells its clocks.
+    for key in ["clocks_before", "clocks_after"] {
+        assert!(statistics.get(key).is_some_and(Value::is_null), "{key} in {json}");
     }
     assert_eq!(statistics["samples"], 16 * 16 * 2);
     assert_eq!(statistics["camera_rays"], 16 * 16 * 2);
@@ -456,8 +461,12 @@ fn statistics_and_metadata_hold_every_setting() {
     let in_image: BTreeMap<String, String> =
         read_metadata(&folder.path("box.exr")).expect("the image has metadata").into_iter().collect();
     let as_text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-    let in_json = settings.iter().map(|(key, value)| (format!("raywave.{key}"), as_text(value))).collect();
+    let digest = ("pixels_blake3".to_owned(), statistics["pixels_blake3"].clone());
+    let in_json = settings.clone().into_iter().chain([digest]);
+    let in_json = in_json.map(|(key, value)| (format!("raywave.{key}"), as_text(&value))).collect();
     assert_eq!(in_image, in_json);
+    let image = read_image(&folder.path("box.exr")).expect("the image can be read");
+    assert_eq!(statistics["pixels_blake3"], image.digest());
 }
 
 /// A picture that no default is like, without `--quiet`.
@@ -495,8 +504,8 @@ fn start_up_is_that_of_the_picture_that_is_asked_for() {
         assert_eq!(json["settings"][key], value, "{key}");
     }
     let is_estimate = |value: &Value| {
-        let [low, middle, high] = ["low", "value", "high"].map(|key| value[key].as_f64().expect("it was measured"));
-        0.0 < low && low <= middle && middle <= high
+        let measured = value["value"].as_f64().is_some_and(|seconds| seconds > 0.0);
+        measured && value["low"].is_null() && value["high"].is_null() && value["verdict"] == "too few rounds"
     };
     let pipelines = json["pipelines"].as_array().expect("a list");
     let kernels: Vec<_> = pipelines.iter().map(|pipeline| pipeline["kernel"].as_str().expect("a name")).collect();
@@ -521,7 +530,9 @@ fn start_up_leaves_no_file() {
     let folder = Folder::new();
     folder.scene("lamp", CAMERA, "v -1 -1 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n");
     let before = folder.files();
-    let home = folder.0.path().as_os_str();
+    // What is found of the device is kept with the caches.
+    let caches = tempfile::tempdir().expect("a temporary folder");
+    let home = caches.path().as_os_str();
     let output = folder
         .command(&["start-up", "lamp.toml", "--rounds", "1", "--width", "8", "--height", "8", "--scheduler", "bounce"])
         .envs([("HOME", home), ("XDG_CACHE_HOME", home), ("MESA_SHADER_CACHE_DIR", home)])
@@ -676,13 +687,13 @@ fn dumped_rays_are_replayed() {
     let scene = common::project_file("scenes/cornell-box.toml");
     let scene = scene.to_str().expect("the path is UTF-8");
     // The built-in scene is that of the file.
-    for scene in [&[scene][..], &[]] {
-        let flags = ["a.rays", "--rounds", "3", "--repeat", "2", "--in-flight", "100", "--json", "a.json"];
+    for (scene, rounds, enough) in [(&[scene][..], "3", false), (&[], "6", true)] {
+        let flags = ["a.rays", "--rounds", rounds, "--repeat", "2", "--in-flight", "100", "--json", "a.json"];
         let lines = folder.succeed(&[&["replay"], scene, &flags[..]].concat());
         let json = fs::read_to_string(folder.path("a.json")).expect("the report is written");
         let report: Value = serde_json::from_str(&json).expect("the report is JSON");
         let dumped = report["dump"]["rays"].as_u64().expect("rays are counted");
-        for row in ["scene", "device", "blocked", "rounds", "range"] {
+        for row in ["scene", "device", "blocked", "warm-up", "rounds", "range"] {
             assert!(lines.lines().any(|line| line.starts_with(row)), "{row} in {lines}");
         }
         for part in [
@@ -692,7 +703,7 @@ fn dumped_rays_are_replayed() {
             ),
             "kernel    connect, ".to_owned(),
             format!("checked   {dumped} rays, equal to the CPU's to the last bit\n"),
-            " M rays/s, 95 % [".to_owned(),
+            if enough { " M rays/s, 95 % [" } else { " M rays/s, too few rounds\n" }.to_owned(),
         ] {
             assert!(lines.contains(&part), "{part} in {lines}");
         }
@@ -701,7 +712,6 @@ fn dumped_rays_are_replayed() {
             ("repeat", 2.into()),
             ("kernel", "connect".into()),
             ("checked_rays", dumped.into()),
-            ("rounded_answers", 0.into()),
             ("device", device().description().name.clone().into()),
         ] {
             assert_eq!(report[key], value, "{key}");
@@ -709,11 +719,18 @@ fn dumped_rays_are_replayed() {
         for (key, value) in [("class", Value::from("shadow")), ("bounce", 1.into()), ("seed", 7.into())] {
             assert_eq!(report["dump"][key], value, "{key}");
         }
+        let warm_up = &report["warm_up"];
+        assert!(warm_up["seconds"].as_f64().is_some_and(|seconds| seconds > 0.0) && warm_up.get("steady").is_some());
+        assert!(report["idle_seconds"].as_f64().is_some_and(|idle| idle >= 0.0), "{json}");
+        assert!(report["clocks_before"].is_null() && report["clocks_after"].is_null(), "{json}");
         assert!(report["hit_share"].as_f64().is_some_and(|share| share > 0.0 && share < 1.0), "{json}");
-        assert_eq!(report["seconds"].as_array().map(Vec::len), Some(3));
+        assert_eq!(report["seconds"].as_array().map(Vec::len), rounds.parse().ok());
         let speed = |key: &str| report["rays_per_second"][key].as_f64().expect("speeds are numbers");
-        let order = ["min", "low", "median", "high", "max"].map(speed);
+        let keys: &[&str] = if enough { &["min", "low", "median", "high", "max"] } else { &["min", "median", "max"] };
+        let order: Vec<f64> = keys.iter().map(|key| speed(key)).collect();
         assert!(order[0] > 0.0 && order.is_sorted(), "{json}");
+        assert_eq!(report["rays_per_second"]["verdict"] == "too few rounds", !enough, "{json}");
+        assert_eq!(report["rays_per_second"]["low"].is_null(), !enough, "{json}");
     }
 }
 
@@ -767,21 +784,76 @@ fn ctrl_c_writes_the_samples_that_are_done() {
         .expect("the program starts");
     await_handler(&mut child);
     sleep(Duration::from_millis(300));
-    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill runs");
+    let killed = Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().expect("kill runs");
     assert!(killed.success());
     let output = child.wait_with_output().expect("the render ends");
     let summary = text(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{summary}");
 
     let metadata = read_metadata(&folder.path("box.exr")).expect("the image is written");
-    let (_, samples) = metadata.iter().find(|(key, _)| key == "raywave.samples_per_pixel").expect("samples are told");
+    let value =
+        |key: &str| metadata.iter().find(|(k, _)| k == key).map(|(_, value)| value.clone()).expect("it is told");
+    let samples = value("raywave.samples_per_pixel");
     assert!((1..16_777_216).contains(&samples.parse().expect("samples are a number")));
     assert!(summary.contains(&format!("{samples} samples per pixel, of 16777216 asked for")), "{summary}");
     let json = fs::read_to_string(folder.path("box.json")).expect("the statistics are written");
     let statistics: Value = serde_json::from_str(&json).expect("the statistics are JSON");
-    assert_eq!(statistics["samples"].as_u64(), samples.parse().ok().map(|n: u64| 32 * 32 * n));
+    // A busy machine may have no time to come to equal samples.
+    let by_rows = value("raywave.samples_by_rows");
+    let bands = by_rows.split(' ').map(|band| {
+        let (rows, samples) = band.split_once('x').expect("rows and samples");
+        [rows, samples].map(|number| number.parse::<u64>().expect("numbers"))
+    });
+    assert_eq!(
+        statistics["samples"].as_u64(),
+        Some(bands.map(|[rows, samples]| 32 * rows * samples).sum()),
+        "{by_rows}"
+    );
     let image = read_image(&folder.path("box.exr")).expect("the image is readable");
     assert!(image.pixels.iter().all(|pixel| pixel.is_finite()));
+}
+
+#[test]
+fn a_device_that_is_lost_once_costs_no_sample() {
+    let folder = Folder::new();
+    let render = |name: &str, more: &[&str]| {
+        let arguments = ["render", "-o", name, "--width", "32", "--height", "32", "--samples", "64"];
+        folder.run(&[&arguments[..], more].concat())
+    };
+    let undisturbed = render("a.exr", &[]);
+    assert!(undisturbed.status.success(), "{}", text(&undisturbed.stderr));
+    for (name, more) in [
+        ("b.exr", &["--lose-device", "4"][..]),
+        ("c.exr", &["--lose-device", "4", "--keep-every", "0.000001s"]),
+        ("d.exr", &["--lose-device", "0"]),
+    ] {
+        let lost = render(name, more);
+        let said = text(&lost.stderr);
+        assert!(lost.status.success(), "{said}");
+        let warning = said.lines().next().expect("the loss is told");
+        assert!(warning.starts_with("warning: the device was lost while it ran "), "{said}");
+        assert!(warning.contains("it is opened anew, and the render goes on from "), "{said}");
+        assert!(fs::read(folder.path(name)).ok() == fs::read(folder.path("a.exr")).ok(), "{more:?}: another image");
+    }
+
+    // What was finished is written where it is lost again.
+    let lost = render("e.exr", &["--lose-device", "4,4", "--keep-every", "0.000001s"]);
+    let said = text(&lost.stderr);
+    assert_eq!(lost.status.code(), Some(1), "{said}");
+    assert!(said.lines().last().is_some_and(|line| line.starts_with("error: the device was lost while it ran ")));
+    let image = read_image(&folder.path("e.exr")).expect("the image is written");
+    assert!(image.pixels[0].is_finite());
+    let metadata = read_metadata(&folder.path("e.exr")).expect("the image is readable");
+    let value =
+        |key: &str| metadata.iter().find(|(k, _)| k == key).map(|(_, value)| value.clone()).expect("it is told");
+    let rows: u32 = value("raywave.finished_rows_pixels").parse().expect("rows are a number");
+    let by_samples = value("raywave.samples_by_rows");
+    let bands = by_samples.split(' ').map(|band| band.split_once('x').expect("rows and samples"));
+    assert_eq!(bands.map(|(rows, _)| rows.parse::<u32>().expect("a number")).sum::<u32>(), rows, "{by_samples}");
+
+    // Nothing was.
+    let lost = render("f.exr", &["--lose-device", "0,0"]);
+    assert_eq!((lost.status.code(), folder.path("f.exr").exists()), (Some(1), false), "{}", text(&lost.stderr));
 }
 
 #[test]

@@ -3,6 +3,7 @@
 
 mod fake_renderer;
 
+use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
@@ -11,14 +12,14 @@ use glam::Vec3;
 use raywave::cli::compare::{self, CompareArguments};
 use raywave::export::{Document, Exports, Format};
 use raywave::film::Image;
-use raywave::stats::{Bootstrap, SplitMix64};
+use raywave::stats::{Bootstrap, Estimate, Interval, SplitMix64};
 use raywave::studies::{
     Clock, Contract, CrossingDirection, Design, Event, Factor, Measurement, Provenance, Purpose, Ratio, RatioMethod,
-    Report, Rounds, Run, Study, StudyError, Verdict, Warning, find_crossings, judge, modified_z_scores, outliers,
-    parse_count, rank_correlation, trend,
+    RatioVerdict, Report, Rounds, Run, Study, StudyError, Verdict, WarmUpRow, Warning, find_crossings, judge,
+    modified_z_scores, outliers, parse_count, rank_correlation, trend,
 };
 
-use fake_renderer::{Call, FakeRenderer, gradient, normal, study};
+use fake_renderer::{Call, FakeClocks, FakeRenderer, gradient, normal, study};
 
 fn go_on(_: Event<'_>) -> ControlFlow<()> {
     ControlFlow::Continue(())
@@ -147,7 +148,7 @@ fn first_renders_are_reported_apart_and_counted_ones_are_not_timed() {
         }
         assert_eq!((first.cold_start_up_seconds, first.cached_start_up_seconds), (Some(0.61), Some(0.29)));
         let seconds = combination.seconds.expect("it was timed");
-        assert_eq!((seconds.low, seconds.value, seconds.high), (1.0, 1.0, 1.0));
+        assert_eq!((seconds.value, seconds.interval), (1.0, Some(Interval { low: 1.0, high: 1.0 })));
         assert_eq!(combination.runs.len(), 6);
         assert_eq!(combination.counters.as_ref().expect("it was counted").nodes_per_ray(), 23.4);
     }
@@ -326,7 +327,7 @@ fn other_work_is_compared_with_a_baseline_of_its_own() {
     assert_eq!(crossover.points.iter().map(|p| p.cost).collect::<Vec<_>>(), [0.0, 50.0, 200.0]);
     let [crossing] = &crossover.crossings[..] else { panic!("one crossing") };
     assert!((crossing.cost.value - 100.0).abs() < 1e-9, "1 + K/100 = 1.5 + K/200 at K = 100: {crossing:?}");
-    assert_eq!((crossing.direction, crossing.support), (CrossingDirection::AFasterBeyond, 1.0));
+    assert_eq!((crossing.direction, crossing.support), (CrossingDirection::AFasterBeyond, Some(1.0)));
 }
 
 #[test]
@@ -343,6 +344,11 @@ fn shared_settings_are_those_that_all_renders_had() {
 }
 
 // The statistics.
+
+fn covers(estimate: &Estimate, truth: f64) -> bool {
+    let Interval { low, high } = estimate.interval.expect("there are rounds enough");
+    (low..=high).contains(&truth)
+}
 
 fn runs(seconds: impl IntoIterator<Item = f64>) -> Vec<Run> {
     let run = |(round, wall_seconds)| Run {
@@ -370,7 +376,7 @@ fn ratios_cover_the_truth() {
                 b.push(own());
             }
             let ratio = Ratio::of(&runs(a), &runs(b), Clock::Wall, &bootstrap).expect("there are runs");
-            covered += usize::from(ratio.estimate.low <= 0.9 && 0.9 <= ratio.estimate.high);
+            covered += usize::from(covers(&ratio.estimate, 0.9));
             paired += usize::from(ratio.method == RatioMethod::PairedRounds);
         }
         let coverage = covered as f64 / STUDIES as f64;
@@ -393,7 +399,7 @@ fn medians_cover_the_truth() {
         let report = run(&study, &mut renderer);
         let seconds = report.scenes[0].combinations[1].seconds.expect("timed");
         // The median of a lognormal is e to the mean of its logarithm.
-        seconds.low <= 0.8 && 0.8 <= seconds.high
+        covers(&seconds, 0.8)
     });
     let coverage = covered.count() as f64 / 300.0;
     assert!((0.91..=0.995).contains(&coverage), "covers {coverage}");
@@ -405,13 +411,13 @@ fn equal_speeds_are_within_noise_and_others_are_not() {
         let mut renderer = FakeRenderer::new(megakernel_takes(1.0, 0.03));
         renderer.random = SplitMix64::new(1000 + seed);
         let report = run(&study(&["scheduler=wavefront,megakernel"], 12), &mut renderer);
-        report.scenes[0].combinations[1].ratio.expect("timed").within_noise
+        report.scenes[0].combinations[1].ratio.expect("timed").verdict() == RatioVerdict::WithinNoise
     });
     let equal = equal.count();
     assert!(equal >= 88, "{equal} of 100");
     let report =
         run(&study(&["scheduler=wavefront,megakernel"], 12), &mut FakeRenderer::new(megakernel_takes(0.8, 0.03)));
-    assert!(!report.scenes[0].combinations[1].ratio.expect("timed").within_noise);
+    assert_eq!(report.scenes[0].combinations[1].ratio.expect("timed").verdict(), RatioVerdict::Faster);
     assert_eq!(report.scenes[0].combinations[1].rank, Some(1));
     assert_eq!(report.scenes[0].combinations[0].rank, Some(2));
 }
@@ -473,7 +479,131 @@ fn drift_outliers_and_a_slow_start_are_found() {
 #[test]
 fn too_few_rounds_and_kernels_that_do_not_add_up_are_told() {
     let report = run(&study(&["scheduler=wavefront,megakernel"], 3), &mut FakeRenderer::new(|_, _| 1.0));
-    assert_eq!(report.scenes[0].combinations[0].warnings, [Warning::FewRounds { rounds: 3 }]);
+    assert_eq!(report.scenes[0].combinations[0].warnings, [Warning::FewRounds { rounds: 3, enough: 6 }]);
+}
+
+#[test]
+fn too_few_rounds_claim_no_interval() {
+    for rounds in 1..=7 {
+        let report = run(
+            &study(&["scheduler=wavefront,megakernel,shading-cost=0,64"], rounds),
+            &mut FakeRenderer::new(|call, random| {
+                let cost = call.configuration.count("shading-cost").unwrap_or(0) as f64;
+                let slope = if call.configuration.level("scheduler") == Some("megakernel") { 0.02 } else { 0.0 };
+                (0.5 + slope * cost) * (1.0 + 0.01 * random.next_f64()) + if slope == 0.0 { 0.2 } else { 0.0 }
+            }),
+        );
+        let enough = rounds >= 6;
+        let scene = &report.scenes[0];
+        for combination in &scene.combinations {
+            assert_eq!(combination.seconds.expect("it was timed").interval.is_some(), enough, "{rounds}");
+            assert_eq!(combination.rounds_needed.is_some(), enough, "{rounds}");
+            if let Some(ratio) = combination.ratio {
+                assert_eq!(ratio.verdict() != RatioVerdict::TooFewRounds, enough, "{rounds}");
+            }
+        }
+        assert_eq!(scene.widest_interval().is_finite(), enough, "{rounds}");
+        let [crossing] = scene.crossovers[0].crossings[..] else { panic!("one crossing in {rounds} rounds") };
+        assert_eq!((crossing.cost.interval.is_some(), crossing.support.is_some()), (enough, enough), "{rounds}");
+    }
+}
+
+#[test]
+fn a_study_that_waits_for_narrow_intervals_waits_until_there_are_some() {
+    let mut study = study(&["scheduler=wavefront,megakernel"], 1);
+    study.rounds = Rounds { min: 1, max: 50, until: Some(0.5) };
+    let report = run(&study, &mut FakeRenderer::new(|_, _| 1.0));
+    assert_eq!(report.scenes[0].combinations[0].runs.len(), 6);
+}
+
+/// A study of four rounds of two combinations, whose clock is read twice a render: first renders and counting ones read
+/// it eight times, then each round four times.
+fn study_with_clocks(megahertz: Vec<u32>, reasons: &[&str]) -> Report {
+    let mut renderer = FakeRenderer::new(|_, _| 1.0);
+    let reasons = reasons.iter().map(|&reason| reason.to_owned()).collect();
+    renderer.clocks = Some(FakeClocks { megahertz, reasons, readings: Cell::default() });
+    run(&study(&["scheduler=wavefront,megakernel"], 6), &mut renderer)
+}
+
+#[test]
+fn rounds_at_another_clock_are_flagged() {
+    let mut clocks = vec![1980; 8 + 6 * 4];
+    // A card that had fallen asleep in the third round, and one that boosts by less than 2 % in the fifth.
+    clocks[8 + 2 * 4..8 + 3 * 4].fill(345);
+    clocks[8 + 4 * 4..8 + 5 * 4].fill(2010);
+    let report = study_with_clocks(clocks, &[]);
+    for combination in &report.scenes[0].combinations {
+        let flagged = Warning::OtherClock { rounds: vec![2], median_megahertz: 1980.0 };
+        assert_eq!(combination.warnings, [flagged]);
+        let told = combination.warnings[0].to_string();
+        assert!(told.contains("1980 MHz") && told.ends_with("in round 3"), "{told}");
+        assert_eq!(combination.megahertz(), Some(1980.0));
+    }
+    let json = serde_json::to_value(&report).expect("it becomes JSON");
+    let run = &json["scenes"][0]["combinations"][0]["runs"][2];
+    assert_eq!(run["clocks_before"]["sm_megahertz"], 345);
+    assert_eq!(
+        (&run["clocks_after"]["power_watts"], &run["clocks_after"]["temperature_celsius"]),
+        (&250.5.into(), &61.into())
+    );
+    assert!(run["clocks_after"]["memory_megahertz"].is_null() && run["clocks_after"]["throttle_reasons"].is_array());
+}
+
+#[test]
+fn throttling_is_told_and_idling_is_none() {
+    let warnings = |reasons: &[&str]| study_with_clocks(vec![1500], reasons).scenes[0].combinations[0].warnings.clone();
+    assert!(warnings(&["gpu_idle", "applications_clocks_setting"]).is_empty());
+    let throttled = warnings(&["gpu_idle", "sw_power_cap"]);
+    assert_eq!(throttled, [Warning::Throttled { rounds: (0..6).collect(), reasons: vec!["sw_power_cap".to_owned()] }]);
+}
+
+#[test]
+fn a_device_that_tells_no_clocks_has_null() {
+    let report = run(&study(&["scheduler=wavefront,megakernel"], 6), &mut FakeRenderer::new(|_, _| 1.0));
+    assert_eq!(report.scenes[0].combinations[0].megahertz(), None);
+    assert!(report.scenes[0].combinations[0].warnings.is_empty());
+    let json = serde_json::to_value(&report).expect("it becomes JSON");
+    let run = &json["scenes"][0]["combinations"][0]["runs"][0];
+    for key in ["clocks_before", "clocks_after", "idle_seconds", "idle_before_seconds", "warm_up"] {
+        assert!(run.get(key).is_some_and(serde_json::Value::is_null), "{key} in {run}");
+    }
+}
+
+#[test]
+fn a_device_that_did_not_settle_is_told() {
+    let mut renderer = FakeRenderer::new(|_, _| 1.0);
+    renderer.warm_up = Box::new(|call, _| match (call.purpose, call.before) {
+        (Purpose::Timed, 0) => Some(WarmUpRow { seconds: 0.1, steady: Some(true) }),
+        (Purpose::Timed, 2) => Some(WarmUpRow { seconds: 5.0, steady: None }),
+        (Purpose::Timed, 3) => Some(WarmUpRow { seconds: 3.0, steady: Some(false) }),
+        _ => None,
+    });
+    let report = run(&study(&["scheduler=wavefront,megakernel"], 6), &mut renderer);
+    for combination in &report.scenes[0].combinations {
+        assert_eq!(combination.warnings, [Warning::Unsteady { rounds: vec![3] }]);
+        assert!(combination.warnings[0].to_string().ends_with("before round 4"));
+    }
+}
+
+#[test]
+fn long_studies_are_analysed_now_and_then_and_at_their_end() {
+    let mut heard = Vec::new();
+    let report = study(&["scheduler=wavefront,megakernel"], 60)
+        .run(&mut FakeRenderer::new(megakernel_takes(0.8, 0.01)), &mut |event| {
+            if let Event::Updated { report } = event {
+                heard.push(report.scenes[0].combinations[0].runs.len());
+            }
+            ControlFlow::Continue(())
+        })
+        .expect("it renders");
+    heard.retain(|rounds| *rounds > 0);
+    assert_eq!(heard[..8], [1, 2, 3, 4, 5, 6, 7, 8]);
+    assert!(heard.len() < 30 && heard.windows(2).all(|pair| pair[1] <= pair[0] + pair[0].div_ceil(8)), "{heard:?}");
+    // The last one follows the end of the study.
+    assert_eq!(heard[heard.len() - 2..], [60, 60]);
+    let typical = report.scenes[0].combinations[0].seconds.expect("it was timed");
+    let seconds: Vec<f64> = report.scenes[0].combinations[0].runs.iter().map(|run| run.seconds(Clock::Wall)).collect();
+    assert_eq!(typical.value, raywave::stats::median(&seconds), "all rounds are in it");
 }
 
 #[test]
@@ -489,7 +619,7 @@ fn crossings_are_found_with_intervals_that_cover_them() {
         let crossings = find_crossings(&costs, &a, &b, &bootstrap);
         let [crossing] = crossings[..] else { panic!("one crossing: {crossings:?}") };
         assert_eq!(crossing.direction, CrossingDirection::AFasterBeyond);
-        crossing.cost.low <= 100.0 && 100.0 <= crossing.cost.high
+        covers(&crossing.cost, 100.0)
     });
     let coverage = covered.count() as f64 / 200.0;
     assert!((0.9..=1.0).contains(&coverage), "covers {coverage}");

@@ -8,11 +8,12 @@ mod common;
 
 use std::ops::ControlFlow;
 
+use common::not_tested::not_tested;
 use common::probe::hostile;
-use common::{assert_silent, device, gallery, own_scene, project_file};
+use common::{assert_silent, device, gallery, is_swiftshader, own_scene, project_file, tries};
 use raywave::bvh::{BvhKind, MAX_LISTED};
 use raywave::gpu::Device;
-use raywave::render::{Numerics, PreparedScene, Scheduler, Session, SessionOptions, Settings};
+use raywave::render::{Defaults, Numerics, PreparedScene, Scheduler, Session, SessionOptions, Settings};
 use raywave::scene::{Integrator, Sampler, Scene};
 use raywave::shaders::Forms;
 use serde::{Deserialize, Serialize};
@@ -58,7 +59,8 @@ fn load(name: &str) -> Scene {
 }
 
 fn render(device: &Device, scene: &Scene, settings: &Settings, options: SessionOptions) -> String {
-    let prepared = PreparedScene::for_lanes(scene, settings, device.description().subgroup_size).expect("it fits");
+    let prepared =
+        PreparedScene::for_device(scene, settings, &Defaults::of(device).expect("it is measured")).expect("it fits");
     let mut session = Session::with_options(device, &prepared, settings, options).expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
     drop(session);
@@ -119,10 +121,15 @@ fn pixels_are_the_recorded_bytes() {
     let device = device();
     let wish = std::env::var("RAYWAVE_DIGESTS").unwrap_or_default();
     let mut found = Vec::new();
+    let mut index = 0;
     each(|_, scene, settings, entry| {
+        index += 1;
+        if wish.is_empty() && !tries(&device, index, 5) {
+            return;
+        }
         let ways = ways(scene);
         // Five shares no divisor with the numbers of ways.
-        let turn = 5 * found.len() % ways.len();
+        let turn = 5 * index % ways.len();
         let tried = if wish == "all" { &ways[..] } else { &ways[turn..=turn] };
         let of = |(scheduler, bvh): &(Scheduler, BvhKind)| {
             let settings = Settings { scheduler: Some(*scheduler), bvh: Some(*bvh), ..settings };
@@ -141,15 +148,20 @@ fn pixels_are_the_recorded_bytes() {
         std::fs::write(project_file("tests/digests.toml"), format!("{head}{text}")).expect("it can be written");
         return;
     }
-    for (found, recorded) in found.iter().zip(recorded()) {
-        assert_eq!(*found, recorded);
+    let recorded = recorded();
+    assert_eq!(index, recorded.len());
+    for found in found {
+        assert!(recorded.contains(&found), "of other pixels than recorded: {found:?}");
     }
-    assert_eq!(found.len(), recorded().len());
 }
 
 #[test]
 fn a_hostile_driver_moves_no_pixel_but_of_native_arithmetic() {
     let device = device();
+    if is_swiftshader(&device) {
+        not_tested("its compiler takes 20 GB for kernels of which every sum is a call");
+        return;
+    }
     let recorded = recorded();
     let mut moved = 0;
     let mut tried = 0;
@@ -170,5 +182,5 @@ fn a_hostile_driver_moves_no_pixel_but_of_native_arithmetic() {
         let native = Settings { numerics: Numerics::Native, ..settings };
         moved += u32::from(render(&device, scene, &native, hostile) != recorded[at].pixels_blake3);
     });
-    assert_eq!((tried, moved), (SCENES.len(), SCENES.len() as u32), "native pixels are the driver's");
+    assert!(tried > 0 && moved == tried, "native pixels are the driver's: {moved} of {tried} moved");
 }

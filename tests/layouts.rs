@@ -90,7 +90,15 @@ fn blocks() -> BTreeMap<&'static str, (usize, Vec<Field>)> {
             "Batch",
             (
                 size_of::<Batch>(),
-                fields_of!(Batch { first_pixel, pixel_count, first_sample, sample_count, bounce, film_pixel }),
+                fields_of!(Batch {
+                    first_pixel,
+                    pixel_count,
+                    first_sample,
+                    sample_count,
+                    bounce,
+                    film_pixel,
+                    first_slot
+                }),
             ),
         ),
     ])

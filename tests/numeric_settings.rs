@@ -5,12 +5,12 @@ mod common;
 
 use std::ops::ControlFlow;
 
-use common::{assert_silent, device, own_scene, render_on, scene_from, tries};
+use common::{assert_silent, device, own_scene, prepare, render_on, scene_from, tries};
 use glam::DVec3;
 use rayon::prelude::*;
 use raywave::gpu::Device;
 use raywave::render::{
-    Footprint, Offsets, Outcome, PathState, PreparedScene, Scheduler, Session, Settings, ShadowRays,
+    Defaults, Footprint, Offsets, Outcome, PathState, PreparedScene, Scheduler, Session, Settings, ShadowRays,
 };
 use raywave::scene::{Integrator, Scene};
 use raywave::stats::Moments;
@@ -70,8 +70,7 @@ fn schedulers_agree_to_the_last_bit() {
 /// seeds.
 fn shift(device: &Device, scene: &Scene, exact: Settings, other: Settings, seeds: u32) -> Moments {
     let means = |settings: Settings| {
-        let prepared =
-            PreparedScene::for_lanes(scene, &settings, device.description().subgroup_size).expect("the scene fits");
+        let prepared = prepare(device, scene, &settings);
         let mut session = Session::new(device, &prepared, &settings).expect("the session starts");
         let mean = |seed| {
             session.reseed(&prepared, seed, settings.samples).expect("the device goes on");
@@ -116,7 +115,8 @@ fn halves_take_less_memory() {
     let prepared = PreparedScene::new(&scene).expect("the scene fits");
     let path_bytes = |path_state| {
         let scheduler = Some(Scheduler::Bounce);
-        Footprint::of(&prepared, &Settings { path_state, scheduler, ..Settings::of(&scene) }).path_bytes
+        let settings = Settings { path_state, scheduler, ..Settings::of(&scene) };
+        Footprint::of(&prepared, &settings, &Defaults::GPU).path_bytes
     };
     let (floats, halves) = (path_bytes(PathState::F32), path_bytes(PathState::F16));
     let without: Vec<_> = floats.iter().copied().filter(|(name, _)| *name != "throughputs").collect();

@@ -7,12 +7,14 @@ use std::f64::consts::{PI, TAU};
 
 use bytemuck::{Pod, Zeroable};
 use common::device;
+use common::not_tested::not_tested;
 use common::probe::{Bench, any_scene, hostile, lanes, vector};
 use glam::{DVec3, Vec3};
 use half::f16;
 use rayon::prelude::*;
+use raywave::facts;
 use raywave::gpu::Device;
-use raywave::shaders::Forms;
+use raywave::shaders::{Form, Forms};
 use raywave::stats::SplitMix64;
 
 /// Input of the probe `arithmetic`.
@@ -119,11 +121,8 @@ fn queries() -> Vec<Query> {
     queries
 }
 
-/// The forms of quotients and roots that can be right on a device.
-fn possible_forms() -> [Forms; 2] {
-    // Their own are by what the device does: on software devices, native ones.
-    [Forms::NATIVE, Forms::CAREFUL]
-}
+/// By fused multiplication and addition.
+const FUSED: Forms = Forms { division: Form::ByFma, reciprocal: Form::ByFma, root: Form::ByFma };
 
 fn answers(device: &Device, forms: Forms, is_hostile: bool, queries: &[Query]) -> Vec<Answer> {
     let mut bench = Bench::new(device, &any_scene());
@@ -136,11 +135,22 @@ fn answers(device: &Device, forms: Forms, is_hostile: bool, queries: &[Query]) -
 fn quotients_and_roots_are_rounded_right_whatever_the_driver_does() {
     let device = device();
     let queries = queries();
-    for (forms, is_hostile) in [(Forms::NATIVE, false), (Forms::CAREFUL, false), (Forms::CAREFUL, true)] {
-        if forms == Forms::NATIVE && !device.description().is_software() {
+    let facts = facts::of(&device).expect("the device can be measured");
+    let native = facts.division_exact && facts.reciprocal_exact && facts.root_exact;
+    for (forms, is_hostile, is_right) in [
+        (Forms::NATIVE, false, native),
+        (FUSED, false, facts.fma_fused),
+        (FUSED, true, facts.fma_fused),
+        (Forms::CAREFUL, false, true),
+        (Forms::CAREFUL, true, true),
+    ] {
+        // Valid kernels they are in any case.
+        let found = answers(&device, forms, is_hostile, &queries);
+        if !is_right {
+            not_tested(&format!("{forms:?}, which the device cannot do"));
             continue;
         }
-        for (query, answer) in queries.iter().zip(answers(&device, forms, is_hostile, &queries)) {
+        for (query, answer) in queries.iter().zip(found) {
             let Query { a, b } = query;
             let told = format!("{a:?} {b:?} by {forms:?}, hostile: {is_hostile}: {answer:?}");
             assert!(is_quotient(answer.quotient, a[0], b[0]), "quotient: {told}");
@@ -180,13 +190,9 @@ fn products_of_vectors_are_summed_from_the_first_component_on() {
     let device = device();
     let queries = everyday();
     assert!(queries.len() > 1000);
-    for (forms, is_hostile) in possible_forms().into_iter().flat_map(|forms| [(forms, false), (forms, true)]) {
-        // A hostile driver's own quotients are wrong, and nothing else is left to it.
-        if is_hostile && forms != Forms::CAREFUL
-            || !is_hostile && forms == Forms::NATIVE && !device.description().is_software()
-        {
-            continue;
-        }
+    // Roots and quotients that are right whatever the driver does, so that nothing else is left to it.
+    let forms = Forms::CAREFUL;
+    for is_hostile in [false, true] {
         for (query, answer) in queries.iter().zip(answers(&device, forms, is_hostile, &queries)) {
             let [a, b] = [query.a, query.b].map(|v| Vec3::new(v[0], v[1], v[2]));
             let dot = |a: Vec3, b: Vec3| a.x * b.x + a.y * b.y + a.z * b.z;

@@ -11,12 +11,13 @@ use std::fs;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use common::{assert_silent, device, own_scene, project_file, render_on, samples_on, tries};
+use common::project::output_folder;
+use common::{assert_silent, device, own_scene, prepare, project_file, render_on, samples_on, tries};
 use glam::DVec3;
 use raywave::film::{Image, WriteOptions, read_image, write_image};
 use raywave::gpu::Device;
 use raywave::render::RouletteMode::{self, Constant, Throughput};
-use raywave::render::{PreparedScene, Session, Settings};
+use raywave::render::{Session, Settings};
 use raywave::scene::Integrator::{self, Explicit, Implicit, Mis};
 use raywave::scene::Sampler::{self, Independent, Sobol};
 use raywave::scene::{Environment, Scene};
@@ -86,8 +87,7 @@ const SEEDS: u32 = 4;
 /// Mean and its variance of renders that differ by their seeds and share the samples: those of one Sobol
 /// sequence are no measure of each other's error.
 fn replicated(device: &Device, scene: &Scene, settings: &Settings) -> (Image, Image) {
-    let prepared =
-        PreparedScene::for_lanes(scene, settings, device.description().subgroup_size).expect("the scene fits");
+    let prepared = prepare(device, scene, settings);
     let mut session = Session::new(device, &prepared, settings).expect("the session starts");
     let mut render = |seed| {
         session.reseed(&prepared, seed, settings.samples / SEEDS).expect("the device goes on");
@@ -146,7 +146,7 @@ fn assert_agree(case: &str, ours: &Estimate, reference: &Estimate) {
     if verdict.smallest_p >= verdict.allowed_p {
         return;
     }
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(case);
+    let folder = output_folder().join(case);
     fs::create_dir_all(&folder).expect("the target folder can be written");
     for (name, image) in [("rendered.exr", &ours.mean), ("reference.exr", &reference.mean)] {
         write_image(&folder.join(name), image, &WriteOptions::default()).expect("images can be written");

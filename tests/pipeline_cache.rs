@@ -5,19 +5,14 @@ mod common;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::Arc;
 
-use common::{assert_silent, own_scene};
+use common::{assert_silent, device_with_cache, own_scene};
 use glam::DVec3;
-use raywave::gpu::{Device, Instance};
 use raywave::render::{PreparedScene, Session, Settings};
 
 /// The sums of a small render on a device of its own, whose kernels are kept in that folder.
 fn sums(folder: Option<&Path>) -> Vec<DVec3> {
-    let instance = Arc::new(Instance::new(true).expect("GPU tests need Vulkan and its validation layer"));
-    let wanted = std::env::var("RAYWAVE_DEVICE").ok();
-    let description = instance.choose(wanted.as_deref()).expect("GPU tests need a Vulkan device");
-    let device = Device::open_with_cache(&instance, description, folder).expect("the device opens");
+    let device = device_with_cache(folder);
     let scene = own_scene("cornell-box");
     let settings = Settings { width: 8, height: 8, samples: 1, ..Settings::of(&scene) };
     let prepared = PreparedScene::new(&scene).expect("the scene fits");

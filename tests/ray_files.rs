@@ -246,6 +246,39 @@ fn rays_that_cannot_be_traced_are_told_with_their_byte() {
 }
 
 #[test]
+fn dumps_of_many_rays_are_read_whole() {
+    // Records are read and written some tens of thousands at a time.
+    let folder = Folder::new();
+    for rays in [(1 << 15) - 1, 1 << 15, (1 << 15) + 1, 1 << 16] {
+        let many: Vec<RayRecord> = (0..rays)
+            .map(|i| RayRecord { origin: [i as f32, 0.5, -1.0], leaves: i % TRIANGLES, ..ray(NO_TRIANGLE) })
+            .collect();
+        let dump = dump(RayClass::Bounce, many);
+        let bytes = folder.bytes_of(&dump);
+        let start = records_start(&bytes);
+        assert_eq!(bytes.len() - start, rays as usize * RECORD_BYTES);
+        assert_eq!(folder.read(&bytes).expect("it was just written"), dump);
+        for end in [bytes.len() - 1, bytes.len() - RECORD_BYTES] {
+            let told = format!("byte {end}: the file ends after {} of {rays} rays", rays - 1);
+            let said = folder.complaint(&bytes[..end], NO_CHANGE);
+            assert!(said.starts_with(&told), "{said}");
+        }
+        let told = format!("byte {}: the file goes on after the last of {rays} rays", bytes.len());
+        let said = folder.complaint(&[&bytes[..], &[0]].concat(), NO_CHANGE);
+        assert!(said.starts_with(&told), "{said}");
+        // Of several faults the first is told.
+        let mut damaged = bytes.clone();
+        for number in [rays as usize - 1, rays as usize / 2 + 3, rays as usize / 2 + 4] {
+            damaged[start + number * RECORD_BYTES..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
+        }
+        let first = rays as usize / 2 + 3;
+        let told = format!("byte {}: ray {first}: origin holds NaN", start + first * RECORD_BYTES);
+        let said = folder.complaint(&damaged, NO_CHANGE);
+        assert!(said.starts_with(&told), "{said}");
+    }
+}
+
+#[test]
 fn what_cannot_be_read_or_written_is_told_and_leaves_nothing() {
     let folder = Folder::new();
     let dump = dump(RayClass::Camera, vec![ray(NO_TRIANGLE)]);

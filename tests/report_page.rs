@@ -5,11 +5,14 @@
 //! example page is written, to be looked at.
 
 mod fake_renderer;
+#[path = "common/not_tested.rs"]
+mod not_tested;
+#[path = "common/project.rs"]
+mod project;
 
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::ops::ControlFlow;
-use std::path::Path;
 use std::process::{Command, Stdio};
 
 use glam::Vec3;
@@ -22,6 +25,8 @@ use raywave::studies::{
 };
 
 use fake_renderer::{FakeRenderer, normal, study};
+use not_tested::not_tested;
+use project::project_file;
 
 /// A report with all that can be in one: two scenes, combinations that are faster, slower, within
 /// noise, of another estimator, wrong and failed, warnings, texts that need escapes.
@@ -47,7 +52,7 @@ fn example() -> Report {
     });
     renderer.image = Box::new(|call, random| {
         let file = format!("tests/references/{}-n4.exr", if call.scene == "glass" { "box" } else { "caustic" });
-        let mut image = read_image(&Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).expect("a reference image");
+        let mut image = read_image(&project_file(&file)).expect("a reference image");
         if call.configuration.level("integrator") == Some("implicit") && call.before == 0 {
             // The same noise in every run: seeded anew.
             let mut seeded = raywave::stats::SplitMix64::new(4);
@@ -144,7 +149,7 @@ impl ReferenceKeeper for NoKeeper {
 }
 
 fn reference_file() -> std::path::PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/references/caustic-n4.exr")
+    project_file("tests/references/caustic-n4.exr")
 }
 
 fn example_of_a_sweep() -> TradeoffReport {
@@ -270,7 +275,9 @@ fn csv_has_a_row_for_each_combination() {
             assert_eq!(cells[name].parse().ok(), value, "{name}");
             assert_eq!(value.is_some(), first.is_some(), "{name}");
         }
-        assert_eq!(cells["ratio_low"].parse().ok(), combination.ratio.map(|ratio| ratio.estimate.low));
+        let interval = combination.ratio.map(|ratio| ratio.estimate.interval.expect("15 rounds are enough"));
+        assert_eq!(cells["ratio_low"].parse().ok(), interval.map(|interval| interval.low));
+        assert_eq!(cells["ratio_verdict"], combination.ratio.map_or("", |ratio| ratio.verdict().words()));
     }
 }
 
@@ -293,6 +300,50 @@ fn markdown_has_a_table_for_each_scene() {
     }
     assert!(text.contains("**wrong**") && text.contains("**failed**"), "{text}");
     assert!(text.contains("Example \\<GPU>"), "{text}");
+}
+
+#[test]
+fn too_few_rounds_are_the_verdict_in_every_format() {
+    let told = |rounds| {
+        let mut study = study(&["scheduler=wavefront,megakernel,shading-cost=0,1k"], rounds);
+        study.bootstrap = Bootstrap { resamples: 100, ..Bootstrap::default() };
+        let mut renderer = FakeRenderer::new(|call, random| {
+            let cost = call.configuration.count("shading-cost").unwrap_or(0) as f64;
+            let mega = call.configuration.level("scheduler") == Some("megakernel");
+            (if mega { 0.22 + 2.1e-4 * cost } else { 0.30 + 0.9e-4 * cost }) * (0.001 * normal(random)).exp()
+        });
+        let report = study.run(&mut renderer, &mut |_| ControlFlow::Continue(())).expect("it renders");
+        let provenance = provenance();
+        let document = Document { provenance: &provenance, report: &report };
+        let page = Page::new(0.0).html(&document);
+        (
+            document.json(),
+            [document.csv(), document.markdown(), page.split("<main>").next().unwrap_or("").to_owned()],
+            page,
+        )
+    };
+    let (json, texts, page) = told(2);
+    for text in texts.iter().chain([&page]) {
+        assert!(text.contains("too few rounds"), "{text}");
+    }
+    let json: serde_json::Value = serde_json::from_str(&json).expect("it is JSON");
+    let scene = &json["scenes"][0];
+    for estimate in [
+        &scene["combinations"][0]["seconds"],
+        &scene["combinations"][2]["ratio"],
+        &scene["crossovers"][0]["points"][0]["a_seconds"],
+        &scene["crossovers"][0]["crossings"][0]["cost"],
+    ] {
+        assert!(estimate["value"].is_number() && estimate["low"].is_null() && estimate["high"].is_null(), "{estimate}");
+        assert_eq!(estimate["verdict"], "too few rounds");
+    }
+    assert_eq!(scene["combinations"][0]["warnings"][0]["kind"], "few_rounds");
+    assert!(page.contains("class=\"unsure\""), "the plot has rings in place of bars");
+    assert!(!page.contains("class=\"whisker"), "and no bars");
+
+    let (json, texts, page) = told(6);
+    assert!(!json.contains("too few rounds") && texts.iter().all(|text| !text.contains("too few rounds")));
+    assert!(page.contains("class=\"whisker"));
 }
 
 #[test]
@@ -502,7 +553,7 @@ fn chromium() -> Option<std::path::PathBuf> {
         );
     }
     if found.is_none() {
-        println!("NOT TESTED: RAYWAVE_NO_CHROMIUM is set, so no browser opened the page");
+        not_tested("RAYWAVE_NO_CHROMIUM is set, so no browser opened the page");
     }
     found
 }

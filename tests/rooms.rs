@@ -1,8 +1,13 @@
 //! The rules of ARCHITECTURE.md that can be read off the sources: which room may use which,
 //! where Vulkan and `unsafe` are, and who prints.
 
+#[path = "common/project.rs"]
+mod project;
+
 use std::fs;
 use std::path::{Path, PathBuf};
+
+use project::project_file;
 
 /// Every room of `src/` and the rooms that it may use.
 const ROOMS: &[(&str, &[&str])] = &[
@@ -12,22 +17,27 @@ const ROOMS: &[(&str, &[&str])] = &[
         "cli",
         &[
             "bvh",
+            "clocks",
             "constants",
             "export",
+            "facts",
             "film",
             "gpu",
             "layout",
             "rays",
             "render",
             "scene",
+            "selftest",
             "stability",
             "stats",
             "studies",
             "whole_file",
         ],
     ),
+    ("clocks", &[]),
     ("constants", &[]),
     ("export", &["film", "stats", "studies", "whole_file"]),
+    ("facts", &["constants", "gpu", "layout", "recording", "shaders", "whole_file"]),
     ("film", &["whole_file"]),
     ("gpu", &["recording", "shaders", "whole_file"]),
     ("layout", &["constants"]),
@@ -36,12 +46,32 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("oracle", &["render", "scene"]),
     ("rays", &["constants", "whole_file"]),
     ("recording", &["layout"]),
-    ("render", &["alias", "bvh", "constants", "film", "gpu", "layout", "rays", "recording", "scene", "shaders"]),
+    (
+        "render",
+        &["alias", "bvh", "constants", "facts", "film", "gpu", "layout", "rays", "recording", "scene", "shaders"],
+    ),
     ("scene", &["whole_file"]),
+    (
+        "selftest",
+        &[
+            "bvh",
+            "constants",
+            "film",
+            "gpu",
+            "layout",
+            "oracle",
+            "recording",
+            "render",
+            "scene",
+            "shaders",
+            "stability",
+            "stats",
+        ],
+    ),
     ("shaders", &[]),
     ("stability", &["bvh", "constants", "film", "gpu", "oracle", "rays", "render", "scene", "stats", "studies"]),
     ("stats", &["film"]),
-    ("studies", &["film", "stats"]),
+    ("studies", &["clocks", "film", "stats"]),
     ("whole_file", &[]),
 ];
 
@@ -79,7 +109,7 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
 }
 
 fn sources() -> Vec<Line> {
-    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let src = project_file("src");
     let mut lines = Vec::new();
     for path in rust_files(&src) {
         let name = path.strip_prefix(&src).expect("it lies in src").to_string_lossy().into_owned();

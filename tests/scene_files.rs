@@ -1,14 +1,13 @@
 //! Scene files read from disk: what the format means, against closed forms, and what is said about
 //! files that break it. Random and mutated files must give an error or a scene, never a panic.
 
-use std::{
-    f64::consts::FRAC_1_SQRT_2,
-    fs,
-    io::Cursor,
-    path::{Path, PathBuf},
-};
+#[path = "common/project.rs"]
+mod project;
+
+use std::{f64::consts::FRAC_1_SQRT_2, fs, io::Cursor, path::PathBuf};
 
 use glam::{DVec3, Vec2, Vec3, dvec3, vec2, vec3};
+use project::project_file;
 use proptest::prelude::*;
 use raywave::scene::{Environment, Integrator, Material, NONE, Scene, SceneError, Surface, generate_gallery};
 use tempfile::TempDir;
@@ -283,7 +282,7 @@ fn the_hash_follows_names_and_contents_but_not_the_folder() {
 #[test]
 fn the_embedded_cornell_box_is_the_one_on_disk() {
     let embedded = Scene::cornell_box();
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell-box.toml");
+    let path = project_file("scenes/cornell-box.toml");
     let on_disk = Scene::load(&path).unwrap();
     assert_eq!(embedded.hash, on_disk.hash);
     assert_eq!(embedded.mesh.triangles, on_disk.mesh.triangles);

@@ -9,7 +9,7 @@ use std::fs;
 use common::{device, gallery, own_scene, project_file, render_on, scene_from, tries};
 use rayon::prelude::*;
 use raywave::render::{
-    Footprint, Outcome, PreparedScene, RouletteMode, Scheduler, Settings, ShadowRays, feature_costs,
+    Defaults, Footprint, Outcome, PreparedScene, RouletteMode, Scheduler, Settings, ShadowRays, feature_costs,
 };
 use raywave::scene::{Integrator, Sampler, Scene};
 
@@ -72,14 +72,14 @@ fn kernels_for_any_scene_give_the_same_bits() {
 /// Buffers that a render of the scene binds.
 fn bound(scene: &Scene, settings: &Settings) -> BTreeSet<&'static str> {
     let prepared = PreparedScene::new(scene).expect("the scene fits");
-    let Footprint { scene_bytes, path_bytes, .. } = Footprint::of(&prepared, settings);
+    let Footprint { scene_bytes, path_bytes, .. } = Footprint::of(&prepared, settings, &Defaults::GPU);
     scene_bytes.iter().chain(&path_bytes).map(|(name, _)| *name).collect()
 }
 
 #[test]
 fn what_a_scene_does_not_need_is_not_bound() {
     let scene = own_scene("cornell-box");
-    let explicit = small(&scene);
+    let explicit = Settings { scheduler: Some(Scheduler::Wavefront), ..small(&scene) };
     let always = ["nodes", "triangles", "materials", "ray_queue", "ray_origins", "ray_directions", "radiances", "hits"];
     let lights = ["lights", "shadow_origins", "shadow_directions", "shadow_radiances"];
     let of = |parts: &[&[&'static str]]| parts.concat().into_iter().collect::<BTreeSet<_>>();
@@ -166,10 +166,11 @@ fn surfaces_that_answer_to_one_direction_cast_no_shadow_rays() {
 fn features_cost_what_they_add() {
     let scene = own_scene("cornell-box");
     let prepared = PreparedScene::new(&scene).expect("the scene fits");
-    let settings = small(&scene);
-    let costs = feature_costs(&prepared, &settings);
+    let settings = Settings { scheduler: Some(Scheduler::Wavefront), ..small(&scene) };
+    let costs = feature_costs(&prepared, &settings, &Defaults::GPU);
     let cost = |name: &str| costs.iter().find(|cost| cost.feature == name).expect("the feature is listed");
-    let [own, any] = [true, false].map(|specialize| Footprint::of(&prepared, &Settings { specialize, ..settings }));
+    let [own, any] =
+        [true, false].map(|specialize| Footprint::of(&prepared, &Settings { specialize, ..settings }, &Defaults::GPU));
     let all = |footprint: &Footprint| footprint.instructions.iter().map(|(_, n)| n).sum::<usize>();
     assert!(all(&own) < all(&any));
 

@@ -5,8 +5,8 @@ mod common;
 
 use std::ops::ControlFlow;
 
-use common::{assert_silent, device, scene_from};
-use raywave::render::{Fault, PreparedScene, Scheduler, Session, Settings, ShadowRays, find_faults};
+use common::{assert_silent, device, prepare, scene_from};
+use raywave::render::{Fault, Scheduler, Session, Settings, ShadowRays, find_faults};
 use raywave::scene::{Integrator, Scene};
 use raywave::stability::{Level, plans};
 
@@ -61,7 +61,7 @@ fn faults_are_told_by_pixel_sample_and_bounce() {
             bvh,
             ..Settings::of(&scene)
         };
-        let prepared = PreparedScene::for_lanes(&scene, &settings, device.description().subgroup_size).unwrap();
+        let prepared = prepare(&device, &scene, &settings);
         let outcome =
             Session::new(&device, &prepared, &settings).unwrap().render(|_| ControlFlow::Continue(())).unwrap();
         assert!(outcome.film.sum.iter().all(|sum| sum.is_finite()), "a fault is in the film, {scheduler:?}");

@@ -5,8 +5,8 @@ use glam::{Vec3, vec3};
 use proptest::prelude::*;
 use raywave::film::Image;
 use raywave::stats::{
-    Bootstrap, Moments, SplitMix64, chi_square, compare_images, mean, median, normal_cdf, normal_quantile, quantile,
-    relative_squared_error, sidak_adjusted, sidak_level, standard_error, variance, z_test,
+    Bootstrap, Interval, Moments, SplitMix64, chi_square, compare_images, mean, median, normal_cdf, normal_quantile,
+    quantile, relative_squared_error, sidak_adjusted, sidak_level, standard_error, variance, z_test,
 };
 
 fn assert_close(a: f64, b: f64, tolerance: f64) {
@@ -298,14 +298,35 @@ fn bootstrap_repeats_itself_and_orders_its_ends() {
     let estimate = bootstrap.median(&values);
     assert_eq!(estimate, bootstrap.median(&values));
     assert_eq!(estimate.value, 3.0);
-    assert!(1.0 <= estimate.low && estimate.low <= 3.0);
-    assert!(3.0 <= estimate.high && estimate.high <= 9.0);
-    let wider = Bootstrap { confidence: 0.999, ..bootstrap }.median(&values);
-    assert!(wider.low <= estimate.low && estimate.high <= wider.high);
+    let own = estimate.interval.expect("seven are enough");
+    assert!(1.0 <= own.low && own.low <= 3.0);
+    assert!(3.0 <= own.high && own.high <= 9.0);
+    let wider = Bootstrap { confidence: 0.98, ..bootstrap }.median(&values).interval.expect("so they are");
+    assert!(wider.low <= own.low && own.high <= wider.high);
     let none = bootstrap.median(&[]);
-    assert!(none.value.is_nan() && none.low.is_nan() && none.high.is_nan());
-    let one = bootstrap.median(&[2.0]);
-    assert_eq!((one.value, one.low, one.high), (2.0, 2.0, 2.0));
+    assert!(none.value.is_nan() && none.interval.is_none());
+}
+
+#[test]
+fn no_interval_is_claimed_of_fewer_values_than_hold_it() {
+    // The range of n values leaves the median out with a probability of 2^(1 - n).
+    for (confidence, enough) in [(0.5, 2), (0.75, 3), (0.9, 5), (0.95, 6), (0.99, 8), (0.999, 11)] {
+        let bootstrap = Bootstrap { confidence, resamples: 200, seed: 0 };
+        assert_eq!(bootstrap.enough(), enough, "{confidence}");
+        let values: Vec<f64> = (0..enough).map(|i| i as f64).collect();
+        assert!(bootstrap.median(&values).interval.is_some());
+        let few = bootstrap.median(&values[1..]);
+        assert_eq!((few.value, few.interval), (median(&values[1..]), None));
+        for (a, b) in [(&values[1..], &values[..]), (&values[..], &values[1..])] {
+            assert!(bootstrap.ratio_of_medians(a, b).interval.is_none(), "the shorter one decides");
+        }
+    }
+    let few = Bootstrap::default().median(&[1.75, 2.25]);
+    assert!(!few.surely_above(1.0) && !few.surely_below(3.0) && few.relative_width() == f64::INFINITY);
+    let json = serde_json::to_value(few).expect("it becomes JSON");
+    assert_eq!(json, serde_json::json!({ "value": 2.0, "low": null, "high": null, "verdict": "too few rounds" }));
+    let json = serde_json::to_value(Bootstrap::default().median(&[2.0; 6])).expect("it becomes JSON");
+    assert_eq!(json, serde_json::json!({ "value": 2.0, "low": 2.0, "high": 2.0, "verdict": null }));
 }
 
 /// The bootstrap's median of three has a distribution that can be worked out: the middle of three
@@ -315,11 +336,11 @@ fn bootstrap_finds_the_exact_quantiles_of_a_tiny_sample() {
     let values = [1.0, 2.0, 3.0];
     let interval = |confidence| {
         let estimate = Bootstrap { confidence, resamples: 20_000, seed: 4 }.median(&values);
-        (estimate.low, estimate.high)
+        estimate.interval.map(|interval| (interval.low, interval.high))
     };
     // Tails of 0.25 < 7/27 reach the ends, tails of 0.27 do not.
-    assert_eq!(interval(0.50), (1.0, 3.0));
-    assert_eq!(interval(0.46), (2.0, 2.0));
+    assert_eq!(interval(0.50), Some((1.0, 3.0)));
+    assert_eq!(interval(0.46), Some((2.0, 2.0)));
 }
 
 #[test]
@@ -329,8 +350,8 @@ fn bootstrap_intervals_of_the_median_cover_as_they_say() {
     let (covered, error) = share(1000, 0.9, || {
         // Skewed, as run times are; the median of an exponential is ln 2.
         let sample: Vec<f64> = (0..41).map(|_| -(1.0 - random.next_f64()).ln()).collect();
-        let estimate = bootstrap.median(&sample);
-        (estimate.low..=estimate.high).contains(&std::f64::consts::LN_2)
+        let Interval { low, high } = bootstrap.median(&sample).interval.expect("41 are enough");
+        (low..=high).contains(&std::f64::consts::LN_2)
     });
     // The method itself is within two points of its promise at this size.
     assert_close(covered, 0.9, 0.02 + 4.0 * error);
@@ -344,8 +365,9 @@ fn bootstrap_intervals_of_a_ratio_of_medians_cover_as_they_say() {
         let mut times = |median: f64, count| -> Vec<f64> {
             (0..count).map(|_| median * (0.1 * normal(&mut random)).exp()).collect()
         };
-        let estimate = bootstrap.ratio_of_medians(&times(3.0, 41), &times(2.0, 31));
-        (estimate.low..=estimate.high).contains(&1.5)
+        let ratio = bootstrap.ratio_of_medians(&times(3.0, 41), &times(2.0, 31));
+        let Interval { low, high } = ratio.interval.expect("31 are enough");
+        (low..=high).contains(&1.5)
     });
     assert_close(covered, 0.9, 0.03 + 4.0 * error);
 }
@@ -354,6 +376,46 @@ fn bootstrap_intervals_of_a_ratio_of_medians_cover_as_they_say() {
 
 fn image(pixels: &[Vec3]) -> Image {
     Image::new(pixels.len() as u32, 1, pixels.to_vec())
+}
+
+#[test]
+fn large_images_are_compared_whole() {
+    // More pixels than a core takes at once: a part of them differs, by a ramp whose moments are known.
+    const PIXELS: usize = 40_000;
+    let b = image(&[Vec3::splat(1.0); PIXELS]);
+    let mut a = b.clone();
+    for (i, pixel) in a.pixels.iter_mut().enumerate().skip(PIXELS / 2) {
+        pixel.y += (i - PIXELS / 2 + 1) as f32 / 1024.0;
+    }
+    a.pixels[7].x = f32::NAN;
+    let mut spoilt = b.clone();
+    spoilt.pixels[PIXELS - 1].z = f32::INFINITY;
+    let found = compare_images(&a, &spoilt).expect("they are of one size");
+    let differing = (PIXELS / 2) as u64;
+    assert_eq!((found.compared_pixels, found.identical_pixels), (PIXELS as u64 - 2, PIXELS as u64 - differing - 1));
+    assert_eq!((found.non_finite_a.nan_count, found.non_finite_b.inf_count), (1, 1));
+    // The last one of the ramp is left out.
+    let n = differing as f64 - 1.0;
+    let (sum, squares) = (n * (n + 1.0) / 2.0, n * (n + 1.0) * (2.0 * n + 1.0) / 6.0);
+    let pixels = PIXELS as f64 - 2.0;
+    let green = found.channels[1];
+    assert_close(green.mean_difference, sum / 1024.0 / pixels, 1e-9);
+    assert_close(green.mse / (squares / 1024.0_f64.powi(2) / pixels), 1.0, 1e-12);
+    assert_eq!(green.max_abs_difference, n / 1024.0);
+    let variance = (squares / 1024.0_f64.powi(2) - pixels * green.mean_difference.powi(2)) / (pixels - 1.0);
+    assert_close(green.standard_error / (variance / pixels).sqrt(), 1.0, 1e-9);
+    assert_close(found.whole.mean_difference, green.mean_difference / 3.0, 1e-9);
+    assert_eq!((found.channels[0].mse, found.channels[2].max_abs_difference), (0.0, 0.0));
+}
+
+#[test]
+fn images_are_identical_by_their_bits() {
+    let own = image(&[Vec3::new(0.0, f32::NAN, 1.0), Vec3::ONE]);
+    assert!(own.is_identical(&own.clone()));
+    let mut other = own.clone();
+    other.pixels[0].x = -0.0;
+    assert!(!own.is_identical(&other));
+    assert!(!own.is_identical(&Image::new(1, 2, own.pixels.clone())), "of another shape");
 }
 
 #[test]

@@ -1,13 +1,16 @@
 //! A film that does not fit the device is rendered tile after tile. The tiles leave no trace in the
-//! image, and a render that is broken off has equal samples in the rows that it finished.
+//! image, and a render that is broken off has all samples that were done, by rows.
 
 mod common;
 
-use std::ops::ControlFlow;
+use std::collections::BTreeMap;
+use std::ops::{ControlFlow, Range};
 
-use common::{assert_silent, device, own_scene, tries};
+use common::{assert_silent, device, own_scene, prepare, tries};
+use glam::DVec3;
+use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{Outcome, PreparedScene, Progress, Scheduler, Session, SessionOptions, Settings};
+use raywave::render::{Ending, Outcome, Progress, Scheduler, Session, SessionOptions, Settings, Statistics};
 use raywave::scene::Scene;
 
 const WIDTH: u32 = 24;
@@ -20,14 +23,13 @@ fn render(
     scene: &Scene,
     settings: Settings,
     film_rows: u32,
-    progress: impl FnMut(&Progress) -> ControlFlow<()>,
+    progress: impl FnMut(&Progress) -> ControlFlow<Ending>,
 ) -> Outcome {
     let settings = Settings { width: WIDTH, height: HEIGHT, ..settings };
     let film_bytes = Some(u64::from(64 * WIDTH * film_rows));
     let options = SessionOptions { film_bytes, ..SessionOptions::default() };
-    let prepared = PreparedScene::for_lanes(scene, &settings, device.description().subgroup_size);
-    let mut session = Session::with_options(device, &prepared.expect("the scene fits"), &settings, options)
-        .expect("the session starts");
+    let prepared = prepare(device, scene, &settings);
+    let mut session = Session::with_options(device, &prepared, &settings, options).expect("the session starts");
     let outcome = session.render(progress).expect("the render ends");
     assert_eq!(outcome.statistics.tile_rows, film_rows.min(HEIGHT));
     assert_eq!(outcome.film.height, outcome.statistics.rows);
@@ -68,27 +70,109 @@ fn tiles_leave_no_trace() {
     assert_silent(&device);
 }
 
+/// Every render with as many samples, of the whole image.
+struct Whole<'a> {
+    device: &'a Device,
+    scene: &'a Scene,
+    settings: Settings,
+    films: BTreeMap<u32, FilmMoments>,
+}
+
+impl Whole<'_> {
+    /// The sums of rows by so many samples.
+    fn rows(&mut self, samples: u32, rows: Range<u32>) -> &[DVec3] {
+        let film = self.films.entry(samples).or_insert_with(|| {
+            let settings = Settings { samples, ..self.settings };
+            render(self.device, self.scene, settings, HEIGHT, |_| ControlFlow::Continue(())).film
+        });
+        &film.sum[(rows.start * WIDTH) as usize..(rows.end * WIDTH) as usize]
+    }
+}
+
 #[test]
-fn a_render_that_is_broken_off_keeps_the_tiles_that_are_finished() {
+fn an_image_alone_and_a_time_alone_are_of_the_same_render() {
     let device = device();
     let scene = own_scene("cornell-box");
-    // A batch is four samples of a tile of five rows.
-    let settings = Settings { samples: 4 * SAMPLES, in_flight: Some(4 * 5 * WIDTH), ..Settings::of(&scene) };
-    let whole = render(&device, &scene, settings, HEIGHT, |_| ControlFlow::Continue(())).film;
-    // The last batch before the end, then rows and samples of the image.
-    for (last, rows, samples) in
-        [(1, 5, 4), (3, 5, 12), (4, 5, 16), (6, 5, 16), (8, 10, 16), (13, 15, 16), (14, 17, 16)]
-    {
-        let mut batches = 0;
-        let outcome = render(&device, &scene, settings, 5, |_| {
-            batches += 1;
-            if batches < last { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-        });
-        assert_eq!(batches, last, "the render goes on after its end");
-        assert_eq!((outcome.statistics.rows, outcome.statistics.samples), (rows, samples), "after {last} batches");
-        assert_eq!(outcome.film.samples, u64::from(samples));
-        let kept = &whole.sum[..(WIDTH * rows) as usize];
-        assert_eq!(outcome.film.sum == kept, samples == 4 * SAMPLES, "after {last} batches");
+    let settings = Settings { width: WIDTH, height: HEIGHT, samples: SAMPLES, ..Settings::of(&scene) };
+    for film_rows in [HEIGHT, 5] {
+        let options =
+            SessionOptions { film_bytes: Some(u64::from(64 * WIDTH * film_rows)), ..SessionOptions::default() };
+        let prepared = prepare(&device, &scene, &settings);
+        let mut session = Session::with_options(&device, &prepared, &settings, options).expect("the session starts");
+        let whole = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
+        let (image, statistics) = session.render_image().expect("the render ends");
+        assert!(image.is_identical(&whole.film.mean()), "tiles of {film_rows} rows");
+        for other in [statistics, session.time().expect("the render ends")] {
+            let counts = |s: &Statistics| (s.rays(), s.rows, s.samples, s.sample_count, s.kernels().len());
+            assert_eq!(counts(&other), counts(&whole.statistics), "tiles of {film_rows} rows");
+            assert!(other.gpu_seconds > 0.0 && other.idle.between.is_some() && other.idle.before.is_some());
+        }
     }
     assert_silent(&device);
+}
+
+#[test]
+fn a_render_that_is_broken_off_keeps_what_it_has() {
+    let device = device();
+    let scene = own_scene("cornell-box");
+    let samples = 4 * SAMPLES;
+    let mut cases = 0..;
+    for scheduler in [Scheduler::Wavefront, Scheduler::Bounce, Scheduler::Megakernel] {
+        // A batch is four samples of two rows, or of less where the machine is slow.
+        let settings = Settings {
+            width: WIDTH,
+            height: HEIGHT,
+            samples,
+            in_flight: Some(4 * 2 * WIDTH),
+            scheduler: Some(scheduler),
+            ..Settings::of(&scene)
+        };
+        let mut whole = Whole { device: &device, scene: &scene, settings, films: BTreeMap::new() };
+        let prepared = prepare(&device, &scene, &settings);
+        for film_rows in [5, HEIGHT] {
+            let options =
+                SessionOptions { film_bytes: Some(u64::from(64 * WIDTH * film_rows)), ..SessionOptions::default() };
+            let mut session =
+                Session::with_options(&device, &prepared, &settings, options).expect("the session starts");
+            for last in [1, 2, 3, 4, 7, 12, 13, 20, 25] {
+                for end in [Ending::Now, Ending::Even] {
+                    if !cases.next().is_some_and(|case| tries(&device, case, 7)) {
+                        continue;
+                    }
+                    let (mut batches, mut done) = (0, 0);
+                    let (mut row, mut told) = (0, 0);
+                    let statistics = session.render_tiles(
+                        |progress| {
+                            (batches, done) = (batches + 1, progress.samples_done);
+                            if batches < last { ControlFlow::Continue(()) } else { ControlFlow::Break(end) }
+                        },
+                        |rows| {
+                            let case = format!("{scheduler:?}, {film_rows} rows, {end:?} after {last} batches");
+                            let expected = whole.rows(rows.samples as u32, row..row + rows.height);
+                            assert!(rows.sum == expected, "{case}: rows from {row} on differ");
+                            row += rows.height;
+                            told += rows.samples * rows.sum.len() as u64;
+                        },
+                    );
+                    let statistics = statistics.expect("the render ends");
+                    assert_eq!((told, row), (done, statistics.rows), "all samples that are done are in the image");
+                    assert_eq!(done, statistics.sample_count);
+                    assert!(batches >= last && done < statistics_total(samples), "it ends early");
+                    assert_eq!(Some(statistics.samples), statistics.bands.iter().map(|band| band.samples).min());
+                    let bands = statistics.bands.len();
+                    let finished = (statistics.rows / film_rows) as usize;
+                    match end {
+                        Ending::Even => assert!(bands <= finished + 1 && statistics.rows.is_multiple_of(film_rows)),
+                        Ending::Now => assert!(bands <= finished + 2),
+                    }
+                }
+            }
+        }
+    }
+    assert_silent(&device);
+}
+
+/// Samples of the whole image.
+fn statistics_total(samples: u32) -> u64 {
+    u64::from(WIDTH * HEIGHT * samples)
 }

@@ -12,9 +12,9 @@ use fake_renderer::normal;
 use glam::Vec3;
 use raywave::cli::compare;
 use raywave::cli::tradeoff::{self, TradeoffArguments};
-use raywave::export::{Exported, TradeoffDocument};
+use raywave::export::{Exported, Page, TradeoffDocument};
 use raywave::film::Image;
-use raywave::stats::{Bootstrap, DARK, SplitMix64};
+use raywave::stats::{Bootstrap, DARK, Interval, SplitMix64};
 use raywave::studies::tradeoff::departures::{self, Products, ReferenceSum};
 use raywave::studies::tradeoff::{
     Base, Decomposition, KNOBS, KnobReport, Reference, ReferenceKeeper, Sweep, SweepEvent, TradeoffReport, Worth,
@@ -201,11 +201,12 @@ fn bias_and_variance_are_told_apart() {
             let found = Decomposition::of(&products, 0.0, 0.0, &bootstrap).expect("there are eight");
             let all = [(found.bias_squared, bias), (found.variance, variance), (found.total, bias + variance)];
             for (covered, (estimate, known)) in covered.iter_mut().zip(all) {
-                *covered += u64::from((estimate.low..=estimate.high).contains(&known));
+                let Interval { low, high } = estimate.interval.expect("eight are enough");
+                *covered += u64::from((low..=high).contains(&known));
             }
             bias_sum += found.bias_squared.value;
             variance_sum += found.variance.value;
-            assert_eq!(found.is_biased(), bias > 1e-3 || found.bias_squared.low > 0.0);
+            assert_eq!(found.is_biased(), bias > 1e-3 || found.bias_squared.surely_above(0.0));
         }
         // Eight renders make an interval of 95 % a little too narrow.
         assert!(covered.iter().all(|covered| covered * 100 >= 80 * REPEATS), "{bias} {variance}: {covered:?}");
@@ -216,6 +217,51 @@ fn bias_and_variance_are_told_apart() {
         assert!((bias_mean - bias).abs() < error, "{bias} {variance}: bias² {bias_mean}, error {error}");
         assert!((variance_mean / variance - 1.0).abs() < 0.01, "{bias} {variance}: variance {variance_mean}");
     }
+}
+
+/// As `departures::product`, one number after the other in `f64`.
+fn plain_product(a: [&Image; 2], b: [&Image; 2], reference: &Image) -> (f64, f64) {
+    let (mut relative, mut absolute, mut numbers) = (0.0, 0.0, 0.0);
+    for (i, own) in reference.pixels.iter().enumerate().filter(|(_, own)| own.is_finite()) {
+        for channel in 0..3 {
+            let value = |image: &Image| f64::from(image.pixels[i][channel]);
+            let product = (value(a[0]) - value(a[1])) * (value(b[0]) - value(b[1]));
+            absolute += product;
+            relative += product / (f64::from(own[channel]).powi(2) + DARK);
+            numbers += 1.0;
+        }
+    }
+    (relative / numbers, absolute / numbers)
+}
+
+#[test]
+fn products_on_all_cores_are_those_of_one() {
+    let mut random = SplitMix64::new(4);
+    // More pixels than a core takes at once, and none of the numbers that it likes.
+    let mut noisy = |scale: f32| {
+        let pixel = |_| Vec3::from_array(std::array::from_fn(|_| scale * (1.0 + 0.3 * normal(&mut random) as f32)));
+        Image::new(71, 67, (0..71 * 67).map(pixel).collect())
+    };
+    let [mut reference, a, b, c] = [0.7; 4].map(&mut noisy);
+    let mut spoilt = c.clone();
+    for holes in [false, true] {
+        if holes {
+            for (i, value) in [(0, f32::NAN), (2047, f32::INFINITY), (2048, f32::NAN), (4756, f32::NAN)] {
+                reference.pixels[i].y = value;
+                spoilt.pixels[i].z = f32::NAN;
+            }
+        }
+        let own = [&a, &reference];
+        let others = [[&a, &reference], [&b, &reference], [&b, &spoilt]];
+        let found = departures::products(own, &others, &reference);
+        for (other, found) in others.into_iter().zip(found) {
+            let known = plain_product(own, other, &reference);
+            for (found, known) in [(found.0, known.0), (found.1, known.1)] {
+                assert!((found - known).abs() < 1e-6 * known.abs().max(0.01), "{found} for {known}");
+            }
+        }
+    }
+    assert_eq!(departures::product([&a, &a], [&b, &c], &reference), (0.0, 0.0), "equal images do not differ");
 }
 
 #[test]
@@ -243,7 +289,8 @@ fn knobs_are_worth_what_they_do() {
         let what = format!("{} {}: {knob:?}", knob.factor, knob.level);
         // Widened by half: some 40 intervals are looked at.
         let holds = |e: raywave::stats::Estimate, known: f64, slack: f64| {
-            known >= e.value - 1.5 * (e.value - e.low) - slack && known <= e.value + 1.5 * (e.high - e.value) + slack
+            let Interval { low, high } = e.interval.expect("there are rounds enough");
+            known >= e.value - 1.5 * (e.value - low) - slack && known <= e.value + 1.5 * (high - e.value) + slack
         };
         assert!(holds(knob.time_ratio, time, 0.01), "time {time}: {what}");
         assert!(holds(knob.cost_ratio, time * variance, 0.02 * time * variance), "cost {}: {what}", time * variance);
@@ -350,7 +397,8 @@ fn a_plan_is_told_and_a_budget_is_kept() {
 
 #[test]
 fn what_is_broken_off_keeps_what_it_has() {
-    for renders in [3, 30, 90] {
+    let mut few = 0;
+    for renders in [3, 30, 90, 130] {
         let mut left = renders;
         let report = sweep()
             .run(&mut renderer(), &mut Kept::default(), &mut |event| {
@@ -364,8 +412,20 @@ fn what_is_broken_off_keeps_what_it_has() {
         let document = TradeoffDocument { provenance: &Provenance::default(), report: &report };
         let json: serde_json::Value = serde_json::from_str(&document.json()).expect("it is JSON");
         assert_eq!(json["complete"], false);
-        assert!(document.markdown().contains("not finished"));
+        let text = document.markdown();
+        assert!(text.contains("not finished"));
+        // Points that have two renders or three are told without an interval.
+        for point in report.points.iter().filter(|point| (2..6).contains(&point.runs.len())) {
+            assert!(point.seconds.expect("it was timed").interval.is_none() && text.contains("too few rounds"));
+            assert!(document.csv().contains("too few rounds"));
+            assert!(Page::new(0.0).tradeoff(&document).contains("too few rounds"));
+        }
+        for knob in report.knobs.iter().filter(|knob| knob.cost_ratio.interval.is_none()) {
+            assert_eq!(knob.worth, Worth::TooFewRounds);
+        }
+        few += report.knobs.iter().filter(|knob| knob.worth == Worth::TooFewRounds).count();
     }
+    assert!(few > 0, "some knob had been turned too few times");
 }
 
 #[derive(Parser)]

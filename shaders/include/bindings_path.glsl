@@ -62,6 +62,7 @@ layout(push_constant) uniform Batch {
     uint sample_count;
     uint bounce;
     uint film_pixel;  // place of the first pixel in the film, which holds a tile of the image
+    uint first_slot;  // where the radiances of the megakernel's paths begin: several launches fill what one resolve takes
 } batch;
 
 #endif

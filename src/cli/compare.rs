@@ -142,7 +142,7 @@ pub fn run(
         progress.show(&event);
         if let Event::Updated { report } = event {
             provenance.settings = report.shared_settings();
-            if let Err(error) = exports.write(&Document { provenance: &provenance, report }) {
+            if let Err(error) = exports.update(&Document { provenance: &provenance, report }) {
                 unwritten = Some(error);
                 return ControlFlow::Break(());
             }

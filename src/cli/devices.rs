@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::gpu::{DeviceKind, Instance};
+use crate::gpu::{DeviceDescription, DeviceKind, Instance};
 
 use super::{print, readable_bytes};
 
@@ -21,20 +21,7 @@ pub fn run(arguments: &DevicesArguments) -> anyhow::Result<()> {
     for (number, device) in devices.iter().enumerate() {
         let mark = if chosen.as_ref().is_ok_and(|name| *name == device.name) { "  (chosen)" } else { "" };
         writeln!(text, "{number} {}{mark}", device.name)?;
-        writeln!(text, "  kind             {}", kind_name(device.kind))?;
-        writeln!(text, "  driver           {}", device.driver)?;
-        writeln!(text, "  Vulkan           {}", device.vulkan_version)?;
-        let ballot = if device.subgroup_ballot { "with ballots" } else { "no ballots" };
-        writeln!(text, "  subgroup         {} lanes, {ballot}", device.subgroup_size)?;
-        writeln!(text, "  workgroup        {} invocations at most", device.max_workgroup_size)?;
-        writeln!(text, "  storage buffer   {} at most", readable_bytes(device.max_storage_buffer_bytes))?;
-        writeln!(text, "  texel buffer     {} texels at most", device.max_texel_buffer_elements)?;
-        writeln!(text, "  memory           {}", readable_bytes(device.memory_bytes))?;
-        let clock = match device.timestamp_period {
-            0.0 => "no timestamps".to_owned(),
-            period => format!("{period} ns a tick"),
-        };
-        writeln!(text, "  clock            {clock}")?;
+        text += &limits(device)?;
         if let Some(reason) = &device.unusable {
             writeln!(text, "  cannot be used   {reason}")?;
         }
@@ -42,6 +29,26 @@ pub fn run(arguments: &DevicesArguments) -> anyhow::Result<()> {
     print(&text)?;
     chosen?;
     Ok(())
+}
+
+/// What a device is and can, a line each.
+pub fn limits(device: &DeviceDescription) -> anyhow::Result<String> {
+    let mut text = String::new();
+    writeln!(text, "  kind             {}", kind_name(device.kind))?;
+    writeln!(text, "  driver           {}", device.driver)?;
+    writeln!(text, "  Vulkan           {}", device.vulkan_version)?;
+    let ballot = if device.subgroup_ballot { "with ballots" } else { "no ballots" };
+    writeln!(text, "  subgroup         {} lanes, {ballot}", device.subgroup_size)?;
+    writeln!(text, "  workgroup        {} invocations at most", device.max_workgroup_size)?;
+    writeln!(text, "  storage buffer   {} at most", readable_bytes(device.max_storage_buffer_bytes))?;
+    writeln!(text, "  texel buffer     {} texels at most", device.max_texel_buffer_elements)?;
+    writeln!(text, "  memory           {}", readable_bytes(device.memory_bytes))?;
+    let clock = match device.timestamp_period {
+        0.0 => "no timestamps".to_owned(),
+        period => format!("{period} ns a tick"),
+    };
+    writeln!(text, "  clock            {clock}")?;
+    Ok(text)
 }
 
 /// A kind of device for people and for `--stats`.

@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use indicatif::HumanCount;
 
 use crate::rays::{Metadata, RayClass, RayDump, RayOrder, RayScene, RecordLayout, write_distances, write_triangles};
-use crate::render::{PreparedScene, Scheduler, Session, distances};
+use crate::render::{Defaults, PreparedScene, Scheduler, Session, distances};
 use crate::scene::Scene;
 
 use super::picture::{PictureArguments, integrator_name};
@@ -76,8 +76,8 @@ pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
     let mut settings = arguments.picture.settings(&scene)?;
     // The megakernel has no queues to take rays from.
     settings.scheduler.get_or_insert(Scheduler::Wavefront);
-    let prepared = PreparedScene::new(&scene)?;
     let device = arguments.picture.open_device()?;
+    let prepared = PreparedScene::for_device(&scene, &settings, &Defaults::of(&device)?)?;
     let mut session = Session::new(&device, &prepared, &settings)?;
     let class = match (arguments.rays, arguments.bounce) {
         (KindName::Shadow, _) => RayClass::Shadow,

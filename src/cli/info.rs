@@ -2,14 +2,16 @@
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use indicatif::HumanCount;
 use serde_json::{Map, Value, json};
 
 use super::picture::{PictureArguments, bvh_name, scheduler_name};
-use super::{load_scene, print, readable_bytes};
-use crate::bvh::{Bvh, BvhKind};
-use crate::render::{FeatureCost, Footprint, PreparedScene, Settings, feature_costs};
+use super::{compiled, load_scene, print, readable_bytes};
+use crate::bvh::Bvh;
+use crate::facts::{self, Facts};
+use crate::render::{Defaults, FeatureCost, Footprint, PreparedScene, Session, Settings, feature_costs};
 use crate::scene::Scene;
 
 /// Tell what a scene holds, what a render of it needs, and what it leaves out
@@ -17,9 +19,12 @@ use crate::scene::Scene;
 pub struct InfoArguments {
     /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
     scene: Option<PathBuf>,
-    /// The render that it would be; no device is opened.
+    /// The render that it would be.
     #[command(flatten)]
     picture: PictureArguments,
+    /// Build the render's kernels and tell what the driver made of them: registers, memory, code
+    #[arg(long)]
+    compiled: bool,
     /// JSON instead of lines
     #[arg(long)]
     json: bool,
@@ -28,12 +33,81 @@ pub struct InfoArguments {
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
     let scene = load_scene(arguments.scene.as_deref(), false)?;
     let settings = arguments.picture.settings(&scene)?;
-    let prepared = PreparedScene::with_bvh(&scene, settings.bvh.unwrap_or(BvhKind::Cwbvh))?;
-    let report = Report { scene: &scene, prepared: &prepared, settings };
+    let device = device(arguments)?;
+    let defaults = device.as_ref().map_or(Defaults::GPU, |device| device.defaults);
+    let prepared = PreparedScene::for_device(&scene, &settings, &defaults)?;
+    let report = Report { scene: &scene, prepared: &prepared, settings, device: device.as_ref(), defaults };
+    let compiled = if arguments.compiled {
+        let device = arguments.picture.open_device()?;
+        let session = Session::new(&device, &prepared, &settings)?;
+        Some((session.compiled_kernels()?, device, session.workgroup_size()))
+    } else {
+        None
+    };
+    let compiled = compiled.as_ref().map(|(kernels, device, size)| (kernels.as_deref(), device.description(), *size));
     if arguments.json {
-        return print(&(serde_json::to_string_pretty(&report.json())? + "\n"));
+        let mut json = report.json();
+        if let Some((kernels, device, workgroup_size)) = compiled {
+            json["compiled_kernels"] = compiled::record(kernels, device, workgroup_size);
+        }
+        return print(&(serde_json::to_string_pretty(&json)? + "\n"));
     }
-    print(&report.lines()?)
+    let told = compiled.map_or(String::new(), |(kernels, device, size)| compiled::lines(kernels, device, size));
+    print(&(report.lines()? + &told))
+}
+
+/// The device that a render would take, measured where it never was.
+struct KnownDevice {
+    name: String,
+    driver: String,
+    facts: Arc<Facts>,
+    defaults: Defaults,
+}
+
+/// The device that the arguments name, or the best one. There need not be any: a scene can be told of without.
+fn device(arguments: &InfoArguments) -> anyhow::Result<Option<KnownDevice>> {
+    let device = match arguments.picture.open_device() {
+        Ok(device) => device,
+        Err(error) if arguments.picture.device().is_some() => return Err(error),
+        Err(_) => return Ok(None),
+    };
+    let description = device.description();
+    Ok(Some(KnownDevice {
+        name: description.name.clone(),
+        driver: description.driver.clone(),
+        facts: facts::of(&device)?,
+        defaults: Defaults::of(&device)?,
+    }))
+}
+
+impl KnownDevice {
+    fn lines(&self) -> anyhow::Result<String> {
+        let Facts { texel_ns, storage_ns, launch_seconds, loop_turns, .. } = *self.facts;
+        let limit = loop_turns.map_or("none".to_owned(), |turns| format!("{} turns", HumanCount(turns.into())));
+        let operations = [
+            (self.facts.division_exact, "division"),
+            (self.facts.reciprocal_exact, "reciprocal"),
+            (self.facts.root_exact, "square root"),
+        ];
+        let exact: Vec<_> = operations.into_iter().filter(|(is, _)| *is).map(|(_, name)| name).collect();
+        let exact = if exact.is_empty() { "none".to_owned() } else { exact.join(", ") };
+        let flushed = match (self.facts.flushes_operands, self.facts.flushes_results) {
+            (true, true) => "flushed",
+            (true, false) => "flushed as operands",
+            (false, true) => "flushed as results",
+            (false, false) => "kept",
+        };
+        let mut text = String::new();
+        writeln!(text, "\ndevice           {}", self.name)?;
+        writeln!(text, "driver           {}", self.driver)?;
+        writeln!(text, "16-byte fetch    {texel_ns:.2} ns by texel, {storage_ns:.2} ns from a storage buffer")?;
+        writeln!(text, "launch           {:.1} us", launch_seconds * 1e6)?;
+        writeln!(text, "loop limit       {limit}")?;
+        writeln!(text, "exact            {exact}")?;
+        writeln!(text, "fma              {}", if self.facts.fma_fused { "fused" } else { "not fused" })?;
+        writeln!(text, "denormals        {flushed}")?;
+        Ok(text)
+    }
 }
 
 /// All that is told.
@@ -41,6 +115,9 @@ struct Report<'a> {
     scene: &'a Scene,
     prepared: &'a PreparedScene,
     settings: Settings,
+    /// Without, all is told as of a GPU.
+    device: Option<&'a KnownDevice>,
+    defaults: Defaults,
 }
 
 impl Report<'_> {
@@ -50,11 +127,12 @@ impl Report<'_> {
 
     /// Of the render with specialization, and without.
     fn footprints(&self) -> [Footprint; 2] {
-        [true, false].map(|specialize| Footprint::of(self.prepared, &Settings { specialize, ..self.settings }))
+        [true, false]
+            .map(|specialize| Footprint::of(self.prepared, &Settings { specialize, ..self.settings }, &self.defaults))
     }
 
     fn lines(&self) -> anyhow::Result<String> {
-        let Self { scene, prepared, settings } = self;
+        let Self { scene, prepared, settings, device, defaults } = self;
         let (low, high) = scene.bounds();
         let triangles = self.triangles();
         let mut text = String::new();
@@ -79,7 +157,7 @@ impl Report<'_> {
         let speed = triangles as f64 / build_time.as_secs_f64() / 1e6;
         writeln!(text, "BVH build        {:.1} ms, {speed:.2} M triangles/s", build_time.as_secs_f64() * 1e3)?;
 
-        let costs = feature_costs(prepared, settings);
+        let costs = feature_costs(prepared, settings, defaults);
         let found: Vec<_> = costs.iter().filter(|cost| cost.found).map(|cost| cost.feature).collect();
         writeln!(text, "needs            {}", found.join(", "))?;
         for (found, head) in [(true, "needed"), (false, "left out")] {
@@ -121,11 +199,14 @@ impl Report<'_> {
             let own = own.scene_bytes.iter().find(|(name, _)| name == buffer);
             row(&format!("    {buffer}"), own.map_or("–".into(), |(_, n)| per_triangle(*n)), per_triangle(*bytes))?;
         }
+        if let Some(device) = device {
+            text += &device.lines()?;
+        }
         Ok(text)
     }
 
     fn json(&self) -> Value {
-        let Self { scene, prepared, settings } = self;
+        let Self { scene, prepared, settings, device, defaults } = self;
         let (low, high) = scene.bounds();
         let Bvh { depth, leaf_count, sah_cost, build_time, .. } = &prepared.bvh;
         let footprint = |footprint: &Footprint| {
@@ -137,7 +218,7 @@ impl Report<'_> {
                 "scene_bytes": object(&footprint.scene_bytes),
             })
         };
-        let features: Vec<Value> = feature_costs(prepared, settings)
+        let features: Vec<Value> = feature_costs(prepared, settings, defaults)
             .iter()
             .map(|cost| {
                 json!({
@@ -170,6 +251,9 @@ impl Report<'_> {
             "features": features,
             "specialized": footprint(&own),
             "unspecialized": footprint(&any),
+            "device": device.map(|device| &device.name),
+            "driver": device.map(|device| &device.driver),
+            "device_facts": device.map(|device| &*device.facts),
         })
     }
 }

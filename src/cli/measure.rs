@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::error::Error;
-use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::time::Instant;
 
 use anyhow::{Context, anyhow, bail};
 
@@ -15,22 +15,24 @@ use super::render::settings_record;
 use super::start_up::{self, Contrast};
 use super::tuning::Tuning;
 use crate::bvh::BvhKind;
+use crate::clocks::{self, Clocks};
 use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceDescription, DeviceKind};
 use crate::layout::WorkCount;
 use crate::render::{
-    Fetch, Numerics, Offsets, Outcome, PathState, PrepareError, PreparedScene, RouletteMode, Scheduler, Session,
-    SessionOptions, Settings, ShadowRays, Sort,
+    Defaults, Fetch, Numerics, Offsets, PathState, PrepareError, PreparedScene, RenderError, RouletteMode, Scheduler,
+    Session, SessionOptions, Settings, ShadowRays, Sort, Statistics, WarmUp, Warmth,
 };
 use crate::scene::{Integrator, Sampler, Scene};
 use crate::studies::{
     BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
-    SceneFacts, StageWork, WorkCounters,
+    SceneFacts, StageWork, WarmUpRow, WorkCounters,
 };
 
 /// Renders scenes on a device by the configurations of a study.
 pub struct DeviceRenderer {
     device: Device,
+    defaults: Defaults,
     picture: PictureArguments,
     /// Processes that are started with cold caches, and as many with warm ones.
     start_ups: usize,
@@ -39,6 +41,43 @@ pub struct DeviceRenderer {
     scene: Option<OpenScene>,
     /// Kept between renders of a configuration, so that timed ones find everything built.
     sessions: HashMap<String, Session>,
+    pulse: Pulse,
+}
+
+/// When the device was last at work, so that nothing is timed on one that has fallen asleep.
+struct Pulse {
+    software: bool,
+    last: Option<Instant>,
+    clocks: Option<Box<dyn Clocks>>,
+}
+
+impl Pulse {
+    /// A timed render on a steady device, and what the device was like before and after.
+    fn time<T>(
+        &mut self,
+        session: &mut Session,
+        settings: &Settings,
+        render: impl FnOnce(&mut Session) -> Result<(T, Statistics), RenderError>,
+    ) -> Result<(T, Measurement), RenderError> {
+        let warm_up = self.steady(session)?;
+        let state = |clocks: &Option<Box<dyn Clocks>>| clocks.as_ref().map(|clocks| clocks.state());
+        let clocks_before = state(&self.clocks);
+        let (image, statistics) = render(session)?;
+        let clocks_after = state(&self.clocks);
+        self.last = Some(Instant::now());
+        let measured = measurement(settings, &statistics);
+        Ok((image, Measurement { warm_up, clocks_before, clocks_after, ..measured }))
+    }
+
+    /// Renders until the device is steady, unless it has just been at work.
+    fn steady(&self, session: &mut Session) -> Result<Option<WarmUpRow>, RenderError> {
+        if !WarmUp::is_due(self.software, self.last.map(|last| last.elapsed())) {
+            return Ok(None);
+        }
+        let render = |_| Ok::<_, RenderError>((session.time()?.wall_time.as_secs_f64(), 1.0));
+        let Warmth { seconds, steady, .. } = WarmUp::of(self.software).run(render)?;
+        Ok(Some(WarmUpRow { seconds, steady }))
+    }
 }
 
 struct OpenScene {
@@ -52,9 +91,9 @@ struct OpenScene {
 }
 
 impl OpenScene {
-    /// The scene with the BVH that the settings ask for or else suits a device of so many lanes.
-    fn prepare(&mut self, settings: &Settings, lanes: u32) -> Result<&PreparedScene, PrepareError> {
-        let kind = settings.bvh_for(lanes, self.scene.mesh.triangles.len());
+    /// The scene with the BVH that the settings ask for or else suits the device.
+    fn prepare(&mut self, settings: &Settings, defaults: &Defaults) -> Result<&PreparedScene, PrepareError> {
+        let kind = defaults.bvh(settings, self.scene.mesh.triangles.len());
         match self.prepared.entry(kind) {
             Entry::Occupied(entry) => Ok(entry.into_mut()),
             Entry::Vacant(entry) => Ok(entry.insert(PreparedScene::with_bvh(&self.scene, kind)?)),
@@ -96,7 +135,11 @@ impl DeviceRenderer {
     /// No Vulkan, no such device.
     pub fn new(picture: &PictureArguments, start_ups: usize, quiet: bool) -> anyhow::Result<Self> {
         let device = picture.open_device()?;
-        Ok(Self { device, picture: picture.clone(), start_ups, quiet, scene: None, sessions: HashMap::new() })
+        let defaults = Defaults::of(&device)?;
+        let clocks = clocks::of_device(device.description().uuid);
+        let pulse = Pulse { software: device.description().is_software(), last: None, clocks };
+        let picture = picture.clone();
+        Ok(Self { device, defaults, picture, start_ups, quiet, scene: None, sessions: HashMap::new(), pulse })
     }
 
     /// Adds what the device is to a record.
@@ -115,7 +158,7 @@ impl DeviceRenderer {
             false => Tuning::default(),
         };
         let mut open = OpenScene { path, scene, settings, tuning, prepared: HashMap::new() };
-        let prepared = open.prepare(&settings, self.device.description().subgroup_size)?;
+        let prepared = open.prepare(&settings, &self.defaults)?;
         let facts = SceneFacts {
             scene: name,
             scene_hash: hash,
@@ -132,27 +175,26 @@ impl DeviceRenderer {
     fn render(&mut self, configuration: &Configuration, purpose: Purpose) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
         let mut settings = configured(scene.settings, configuration)?;
-        let device = self.device.description();
-        scene.tuning.apply(&mut settings, device.is_software(), device.subgroup_size);
+        scene.tuning.apply(&mut settings, &self.defaults);
         let key = configuration.to_string();
         match purpose {
             Purpose::First => self.render_first(settings, key),
             Purpose::Timed => {
                 let session = self.sessions.get_mut(&key).context("a configuration is timed after its first render")?;
-                Ok(measurement(&settings, &session.render(|_| ControlFlow::Continue(()))?))
+                let ((), measured) = self.pulse.time(session, &settings, |session| Ok(((), session.time()?)))?;
+                Ok(measured)
             }
             Purpose::Seeded(seed) => self.render_seeded(settings, &configuration.without("samples").to_string(), seed),
             Purpose::Counting => {
                 let options = SessionOptions { counting: true, ..SessionOptions::default() };
                 let lanes = self.device.description().subgroup_size;
                 let mut session =
-                    Session::with_options(&self.device, scene.prepare(&settings, lanes)?, &settings, options)?;
-                let outcome = session.render(|_| ControlFlow::Continue(()))?;
-                let mut measured = measurement(&settings, &outcome);
-                measured.counters = Some(work_counters(&outcome.statistics.work_counts, lanes));
+                    Session::with_options(&self.device, scene.prepare(&settings, &self.defaults)?, &settings, options)?;
+                let (image, statistics) = session.render_image()?;
+                let counters = Some(work_counters(&statistics.work_counts, lanes));
                 // Counting kernels are exact: they have another image where the others are not.
-                measured.image = (!settings.fast_math).then(|| outcome.film.mean());
-                Ok(measured)
+                let image = (!settings.fast_math).then_some(image);
+                Ok(Measurement { counters, image, ..measurement(&settings, &statistics) })
             }
         }
     }
@@ -160,12 +202,12 @@ impl DeviceRenderer {
     /// The first render of a configuration: from nothing to an image.
     fn render_first(&mut self, settings: Settings, key: String) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let prepared = scene.prepare(&settings, self.device.description().subgroup_size)?;
+        let prepared = scene.prepare(&settings, &self.defaults)?;
         let mut session = Session::new(&self.device, prepared, &settings)?;
-        let outcome = session.render(|_| ControlFlow::Continue(()))?;
-        let mut measured = measurement(&settings, &outcome);
-        measured.settings = settings_record(&settings, &outcome.statistics);
-        measured.image = Some(outcome.film.mean());
+        let (image, statistics) = session.render_image()?;
+        let mut measured = measurement(&settings, &statistics);
+        measured.settings = settings_record(&settings, &statistics);
+        measured.image = Some(image);
         self.sessions.insert(key, session);
         if self.start_ups > 0 {
             self.start_up(&settings, &mut measured);
@@ -177,7 +219,7 @@ impl DeviceRenderer {
     fn render_seeded(&mut self, settings: Settings, key: &str, seed: u32) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
         let device = self.device.description();
-        let prepared = scene.prepare(&settings, device.subgroup_size)?;
+        let prepared = scene.prepare(&settings, &self.defaults)?;
         if !self.sessions.contains_key(key) {
             let held: u64 = self.sessions.values().map(Session::memory_bytes).sum();
             if held > device.memory_bytes / 2 {
@@ -188,10 +230,8 @@ impl DeviceRenderer {
         }
         let session = self.sessions.get_mut(key).context("the session is open")?;
         session.reseed(prepared, seed, settings.samples)?;
-        let outcome = session.render(|_| ControlFlow::Continue(()))?;
-        let mut measured = measurement(&settings, &outcome);
-        measured.image = Some(outcome.film.mean());
-        Ok(measured)
+        let (image, measured) = self.pulse.time(session, &settings, Session::render_image)?;
+        Ok(Measurement { image: Some(image), ..measured })
     }
 
     /// Measures start-up in processes of its own. Without it a comparison is still worth its while.
@@ -306,8 +346,7 @@ fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::
 }
 
 /// What a render cost, as a study records it.
-fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
-    let statistics = &outcome.statistics;
+fn measurement(settings: &Settings, statistics: &Statistics) -> Measurement {
     let kernels = statistics.kernels();
     let mut rows: Vec<_> = kernels
         .iter()
@@ -321,13 +360,15 @@ fn measurement(settings: &Settings, outcome: &Outcome) -> Measurement {
     Measurement {
         wall_seconds: statistics.wall_time.as_secs_f64(),
         gpu_seconds: statistics.gpu_seconds,
+        idle_seconds: statistics.idle.between,
+        idle_before_seconds: statistics.idle.before,
         samples: statistics.sample_count,
         nonfinite_samples: statistics.nonfinite_samples.into(),
         rays: Rays { camera: statistics.camera_rays, bounce: statistics.bounce_rays, shadow: statistics.shadow_rays },
         kernels: rows,
-        bounces: bounce_rows(outcome),
+        bounces: bounce_rows(statistics),
         memory_bytes: statistics.memory_bytes,
-        path_state_bytes: path_state_bytes(settings, outcome),
+        path_state_bytes: path_state_bytes(settings, statistics),
         ..Measurement::default()
     }
 }
@@ -338,8 +379,7 @@ fn stage_of(kernel: &str) -> &str {
 }
 
 /// Time and items of each bounce's kernels; the megakernel has none.
-fn bounce_rows(outcome: &Outcome) -> Vec<BounceRow> {
-    let statistics = &outcome.statistics;
+fn bounce_rows(statistics: &Statistics) -> Vec<BounceRow> {
     let staged = |kernel: &str| ["extend", "shade", "connect", "bounce"].contains(&stage_of(kernel));
     let mut rows: Vec<_> = statistics
         .passes
@@ -381,8 +421,7 @@ fn work_counters(counts: &[WorkCount], lanes: u32) -> WorkCounters {
 
 /// Bytes of path state that the kernels read and write, from the records of `bindings_path.glsl`
 /// and the items of the queues.
-fn path_state_bytes(settings: &Settings, outcome: &Outcome) -> u64 {
-    let statistics = &outcome.statistics;
+fn path_state_bytes(settings: &Settings, statistics: &Statistics) -> u64 {
     let samples = statistics.sample_count;
     let rays = samples + statistics.bounce_rays;
     // Paths that never scatter keep no throughput, and with halves it lies beside the direction.

@@ -4,6 +4,7 @@
 //! or an output that cannot be written, 130 broken off by a second Ctrl-C.
 
 pub mod compare;
+mod compiled;
 mod devices;
 pub mod diff;
 mod dump_rays;
@@ -13,6 +14,7 @@ mod picture;
 mod reference;
 mod render;
 mod replay;
+mod selftest;
 mod stability;
 mod start_up;
 pub mod tradeoff;
@@ -57,6 +59,7 @@ enum Command {
     Replay(replay::ReplayArguments),
     Tune(tune::TuneArguments),
     Stability(stability::StabilityArguments),
+    Selftest(selftest::SelftestArguments),
     Gallery(GalleryArguments),
 }
 
@@ -109,6 +112,7 @@ pub fn main() -> ExitCode {
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),
+        Command::Selftest(arguments) => selftest::run(&arguments),
         Command::Gallery(GalleryArguments { folder, triangles }) => {
             crate::scene::generate_gallery(&folder, triangles as usize).map_err(Into::into)
         }
@@ -128,7 +132,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
     if let Some(child) = error.downcast_ref::<start_up::ChildFailed>() {
         return ExitCode::from(child.code);
     }
-    if error.is::<stability::BrokenPromise>() {
+    if error.is::<stability::BrokenPromise>() || error.is::<selftest::OffDevice>() {
         return ExitCode::from(1);
     }
     let render = error.downcast_ref::<RenderError>();

@@ -1,19 +1,26 @@
 //! `raywave render`.
 
+use std::collections::BTreeMap;
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
 use glam::Vec3;
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 
+use crate::clocks::{self, ClockState};
 use crate::export::plain;
-use crate::film::{Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
-use crate::gpu::DeviceDescription;
-use crate::render::{Fault, Fetch, Offsets, PreparedScene, Progress, Session, Settings, Statistics, find_faults};
+use crate::facts::{self, Facts};
+use crate::film::{FilmMoments, Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
+use crate::gpu::{CompiledKernel, DeviceDescription, GpuError};
+use crate::render::{
+    Defaults, Ending, Fault, Fetch, Kept, Offsets, PreparedScene, Progress, RenderError, Session, Settings, Statistics,
+    find_faults,
+};
 use crate::scene::Scene;
 
 use super::devices::kind_name;
@@ -21,8 +28,9 @@ use super::picture::{
     PictureArguments, bvh_name, fetch_name, integrator_name, numerics_name, offsets_name, path_state_name,
     roulette_mode_name, sampler_name, scheduler_name, shadow_rays_name, sort_name,
 };
+use super::tradeoff::duration;
 use super::tuning::{self, Tuning};
-use super::{check_text_output, load_scene, stop_on_interrupt, write_text};
+use super::{check_text_output, compiled, load_scene, stop_on_interrupt, write_text};
 
 /// Render a scene to an image
 #[derive(Debug, clap::Args)]
@@ -40,10 +48,20 @@ pub struct RenderArguments {
     /// Write what the render cost, as JSON
     #[arg(long, value_name = "FILE")]
     stats: Option<PathBuf>,
+    /// Time between two looks at the device's film, which is all that is lost with a device
+    /// (5s)
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    keep_every: Option<f64>,
+    /// Submissions after which the device counts as lost: the first one, the one that is opened then
+    #[arg(long, value_name = "SUBMISSIONS", value_delimiter = ',', hide = true)]
+    lose_device: Vec<u64>,
     /// No progress, warnings or summary
     #[arg(long, short)]
     quiet: bool,
 }
+
+/// After Ctrl-C, time in which a render may come to equal samples in all pixels before it ends without.
+const EVEN_WITHIN: Duration = Duration::from_millis(250);
 
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     check_output(&arguments.output)?;
@@ -58,44 +76,91 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     ensure!(arguments.exposure.is_finite(), "--exposure {} is not a number of stops", arguments.exposure);
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
     let mut settings = arguments.picture.settings(&scene)?;
-    let device = arguments.picture.open_device()?;
+    let mut device = arguments.picture.open_device()?;
+    let defaults = Defaults::of(&device)?;
     if arguments.picture.tuned() {
         let tuning = Tuning::of_scene(device.description(), &scene, arguments.quiet);
-        tuning.apply(&mut settings, device.description().is_software(), device.description().subgroup_size);
+        tuning.apply(&mut settings, &defaults);
     }
-    let prepared = PreparedScene::for_lanes(&scene, &settings, device.description().subgroup_size)?;
-    let mut session = Session::new(&device, &prepared, &settings)?;
+    let prepared = PreparedScene::for_device(&scene, &settings, &defaults)?;
+    let session = Session::new(&device, &prepared, &settings)?;
+    let compiled = match &arguments.stats {
+        Some(_) => Compiled {
+            kernels: session.compiled_kernels()?,
+            instructions: session.instructions().collect(),
+            workgroup_size: session.workgroup_size(),
+        },
+        None => Compiled::default(),
+    };
+    let mut losses = arguments.lose_device.iter();
+    losses.next().into_iter().for_each(|&submissions| device.lose_after(submissions));
 
-    let interrupted = stop_on_interrupt("finishing the samples that are begun; Ctrl-C again gives them up")?;
+    let interrupted = stop_on_interrupt("writing the samples that are done; Ctrl-C again gives them up")?;
+    let mut interrupted_at = None;
     let bar = progress_bar(arguments.quiet, settings.samples);
+    let mut progress = |progress: &Progress| {
+        show(&bar, progress);
+        if !interrupted.load(Ordering::Relaxed) {
+            return ControlFlow::Continue(());
+        }
+        let waited = interrupted_at.get_or_insert_with(Instant::now).elapsed();
+        ControlFlow::Break(if waited < EVEN_WITHIN { Ending::Even } else { Ending::Now })
+    };
     // Of a tile that is done the mean is kept, an eighth of its film.
     let mut pixels = room_for_pixels(&settings)?;
     let mut mean = MeanSum::default();
-    let statistics = session.render_tiles(
-        |progress| {
-            show(&bar, progress);
-            if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        },
-        |tile| {
-            pixels.extend(tile.mean().pixels);
-            mean.add(&tile);
-        },
-    )?;
+    let mut finished = |rows: FilmMoments| {
+        pixels.extend(rows.mean().pixels);
+        mean.add(&rows);
+    };
+    let mut kept = Kept::every(arguments.keep_every.map_or(Kept::EVERY, Duration::from_secs_f64));
+    let clocks = clocks::of_device(device.description().uuid);
+    let state = || clocks.as_ref().map(|clocks| clocks.state());
+    let clocks_before = state();
+    let mut rendered = { session }.go_on(&mut kept, &mut progress, &mut finished).map_err(anyhow::Error::from);
+    let lost = rendered.as_ref().err().filter(|error| is_lost_device(error)).map(|error| format!("{error:#}"));
+    if let Some(lost) = lost {
+        let count = HumanCount(kept.sample_count());
+        eprintln!("warning: {lost}; it is opened anew, and the render goes on from {count} samples");
+        rendered = arguments.picture.open_device().and_then(|again| {
+            let name = again.description().cache_name();
+            ensure!(name == device.description().cache_name(), "{lost}; it did not come back");
+            device = again;
+            let mut session = Session::new(&device, &prepared, &settings)?;
+            losses.next().into_iter().for_each(|&submissions| device.lose_after(submissions));
+            Ok(session.go_on(&mut kept, &mut progress, &mut finished)?)
+        });
+    }
+    let clocks_after = state();
     bar.finish_and_clear();
+    let (statistics, failure) = match rendered {
+        Ok(statistics) => (statistics, None),
+        // The image is worth more than what ended it early.
+        Err(error) => match kept.end(&mut finished) {
+            Some(statistics) => (statistics, Some(error)),
+            None => return Err(error),
+        },
+    };
     // Nothing is known of rows that a broken-off render has not come to.
     pixels.resize(settings.width as usize * settings.height as usize, Vec3::NAN);
     let image = Image::new(settings.width, settings.height, pixels);
 
-    // The image is worth more than what spoilt some of it: it is written even if the device fails now.
-    let faults = find_faults(&device, &prepared, &settings, &statistics);
+    // Here too: it is written even if the device fails now.
+    let faults = match failure {
+        None => find_faults(&device, &prepared, &settings, &statistics).map_err(anyhow::Error::from),
+        Some(error) => Err(error),
+    };
     let report = Report {
         scene: &scene,
         prepared: &prepared,
         settings: &settings,
         device: device.description(),
+        facts: &*facts::of(&device)?,
         exposure: arguments.exposure,
         faults: faults.as_deref().unwrap_or_default(),
         digest: image.digest(),
+        compiled: &compiled,
+        clocks: [clocks_before, clocks_after],
     };
     write(arguments, &report, &image, &statistics, &mean.mean())?;
     if !arguments.quiet {
@@ -103,6 +168,11 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     }
     faults?;
     Ok(())
+}
+
+fn is_lost_device(error: &anyhow::Error) -> bool {
+    let lost = error.downcast_ref::<RenderError>();
+    matches!(lost, Some(RenderError::Gpu(GpuError::DeviceLost { .. })))
 }
 
 /// Room for all pixels, so that a large image fails before the work and not after it.
@@ -148,18 +218,32 @@ fn show(bar: &ProgressBar, progress: &Progress) {
     ));
 }
 
+/// What became of the kernels of a render.
+#[derive(Default)]
+struct Compiled {
+    /// What the driver tells of them.
+    kernels: Option<Vec<CompiledKernel>>,
+    /// Instructions of their SPIR-V.
+    instructions: BTreeMap<&'static str, usize>,
+    workgroup_size: u32,
+}
+
 /// All that belongs to a result.
 struct Report<'a> {
     scene: &'a Scene,
     prepared: &'a PreparedScene,
     settings: &'a Settings,
     device: &'a DeviceDescription,
+    facts: &'a Facts,
     /// Of a PNG, in stops.
     exposure: f32,
     /// Samples that were not finite, as many as were traced.
     faults: &'a [Fault],
     /// [`Image::digest`].
     digest: String,
+    compiled: &'a Compiled,
+    /// Of the device, before and after, where something tells of them.
+    clocks: [Option<ClockState>; 2],
 }
 
 /// Every setting of a render, snake_case keys with the unit in the name.
@@ -169,6 +253,7 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "height_pixels": settings.height,
         "samples_per_pixel": statistics.samples,
         "finished_rows_pixels": statistics.rows,
+        "samples_by_rows": samples_by_rows(statistics),
         "tile_rows_pixels": statistics.tile_rows,
         "integrator": integrator_name(settings.integrator),
         "max_bounces": settings.max_bounces.map_or(-1, i64::from),
@@ -197,6 +282,12 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
         "scene_fetch": fetch_name(if statistics.texel_fetch { Fetch::Texel } else { Fetch::Storage }),
         "tuned": settings.tuned,
     }))
+}
+
+/// Rows from the top by the samples of their pixels, as "540x8 540x4".
+fn samples_by_rows(statistics: &Statistics) -> String {
+    let bands: Vec<_> = statistics.bands.iter().map(|band| format!("{}x{}", band.rows, band.samples)).collect();
+    bands.join(" ")
 }
 
 /// Every setting of a render and its provenance.
@@ -240,11 +331,18 @@ impl Report<'_> {
         let kernels: Map<_, _> = statistics
             .kernels()
             .into_iter()
-            .map(|(name, time)| (name.to_owned(), json!({ "gpu_seconds": time.seconds, "launches": time.launches })))
+            .map(|(name, time)| {
+                let instructions = self.compiled.instructions.get(name);
+                let told =
+                    json!({ "gpu_seconds": time.seconds, "launches": time.launches, "instructions": instructions });
+                (name.to_owned(), told)
+            })
             .collect();
+        let compiled = self.compiled.kernels.as_deref();
         json!({
             "settings": self.settings(statistics),
             "pixels_blake3": self.digest,
+            "device_facts": self.facts,
             "exposure_stops": self.exposure,
             "samples": statistics.sample_count,
             "samples_per_second": statistics.sample_count as f64 / wall,
@@ -257,7 +355,11 @@ impl Report<'_> {
             "nonfinite_traced": self.faults.iter().map(fault_record).collect::<Vec<_>>(),
             "wall_seconds": wall,
             "gpu_seconds": statistics.gpu_seconds,
+            "idle_seconds": statistics.idle.between,
+            "clocks_before": self.clocks[0],
+            "clocks_after": self.clocks[1],
             "kernels": kernels,
+            "compiled_kernels": compiled::record(compiled, self.device, self.compiled.workgroup_size),
             "triangles": self.prepared.triangles.len(),
             "bvh_nodes": self.prepared.bvh.node_count,
             "bvh_build_seconds": self.prepared.bvh.build_time.as_secs_f64(),
@@ -325,6 +427,9 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
     }
     if statistics.rows < settings.height {
         part += &format!(", in rows 1 to {} alone", statistics.rows);
+    }
+    if statistics.bands.len() > 1 {
+        part += &format!(" (rows x samples from the top: {})", samples_by_rows(statistics));
     }
     let tuned =
         if settings.tuned { format!("; tuned: {}", tuning::in_words(settings, statistics)) } else { String::new() };

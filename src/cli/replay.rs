@@ -7,11 +7,12 @@ use anyhow::{Context, ensure};
 use indicatif::HumanCount;
 use serde_json::json;
 
+use crate::clocks::{self, ClockState};
 use crate::gpu::DeviceDescription;
 use crate::layout::WorkCount;
 use crate::rays::{Metadata, RayClass, RayDump};
-use crate::render::{PreparedScene, Replay, ReplayOutcome, Settings};
-use crate::stats::{Bootstrap, Estimate};
+use crate::render::{Defaults, PreparedScene, Replay, ReplayOutcome, Settings, Warmth};
+use crate::stats::{Bootstrap, Interval, TOO_FEW_ROUNDS};
 
 use super::devices::kind_name;
 use super::dump_rays::{class_name, ray_scene};
@@ -68,20 +69,24 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         ..Settings::of(&scene)
     };
     let device = open_device(arguments.device.as_deref())?;
-    let prepared = PreparedScene::for_lanes(&scene, &settings, device.description().subgroup_size)?;
+    let prepared = PreparedScene::for_device(&scene, &settings, &Defaults::of(&device)?)?;
     let RayDump { metadata, rays } = RayDump::read(&arguments.file, &ray_scene(&scene, &prepared))?;
     if let Some(path) = &arguments.json {
         let same = is_same_file(path, &arguments.file)?;
         ensure!(!same, "{}: --json would overwrite the rays; name another file", path.display());
     }
     let mut replay = Replay::new(&device, &prepared, &settings, metadata.class, &rays, arguments.repeat)?;
-    let outcome = replay.run(arguments.rounds as usize)?;
+    let clocks = clocks::of_device(device.description().uuid);
+    let mut states = Vec::new();
+    let watch = || states.extend(clocks.as_ref().map(|clocks| clocks.state()));
+    let outcome = replay.run_watched(arguments.rounds as usize, watch)?;
     let work = Replay::count_work(&device, &prepared, &settings, metadata.class, &rays)?;
     let report = Report {
         metadata: &metadata,
         repeat: arguments.repeat,
         device: device.description(),
         outcome,
+        clocks: [states.first().cloned(), states.last().cloned()],
         bvh: bvh_name(prepared.bvh.kind),
         work,
     };
@@ -98,6 +103,8 @@ struct Report<'a> {
     repeat: u32,
     device: &'a DeviceDescription,
     outcome: ReplayOutcome,
+    /// Of the device, before and after the timed launches, where something tells of them.
+    clocks: [Option<ClockState>; 2],
     /// Shape of the BVH.
     bvh: &'static str,
     /// Of the dump, traced once.
@@ -136,11 +143,12 @@ impl Report<'_> {
         let times = if self.repeat > 1 { format!(", {} times over", self.repeat) } else { String::new() };
         let launches = if outcome.launches > 1 { format!(", in {} launches", outcome.launches) } else { String::new() };
         let met = if self.metadata.class == RayClass::Shadow { "blocked" } else { "hit" };
-        let agreement = match outcome.rounded {
-            0 => "equal to the CPU's to the last bit".to_owned(),
-            rounded => format!("equal to the CPU's but for rounding in {rounded}"),
-        };
-        let Estimate { value, low, high } = Bootstrap::default().median(&self.speeds());
+        let speed = Bootstrap::default().median(&self.speeds());
+        let millions = |speed: f64| format!("{:.3}", speed / 1e6);
+        let interval = speed.interval.map_or_else(
+            || TOO_FEW_ROUNDS.to_owned(),
+            |Interval { low, high }| format!("95 % [{}, {}]", millions(low), millions(high)),
+        );
         let (min, max) = self.range();
         let lanes =
             self.active_lane_share().map_or_else(String::new, |s| format!(", {:.1} % of lanes at work", 100.0 * s));
@@ -150,7 +158,7 @@ impl Report<'_> {
             ("device", self.device.name.clone()),
             ("kernel", format!("{}, {} invocations a workgroup, {}", outcome.kernel, outcome.workgroup_size, self.bvh)),
             (met, format!("{:.2} %", 100.0 * self.hit_share())),
-            ("checked", format!("{} rays, {agreement}", count(outcome.checked))),
+            ("checked", format!("{} rays, equal to the CPU's to the last bit", count(outcome.checked))),
             (
                 "work",
                 format!(
@@ -159,8 +167,9 @@ impl Report<'_> {
                     self.per_ray(self.work.triangles())
                 ),
             ),
-            ("rounds", format!("{}, {} clock", outcome.seconds.len(), self.clock())),
-            ("speed", format!("{:.3} M rays/s, 95 % [{:.3}, {:.3}]", value / 1e6, low / 1e6, high / 1e6)),
+            ("warm-up", self.warm_up()),
+            ("rounds", format!("{}, {} clock{}", outcome.seconds.len(), self.clock(), self.idle())),
+            ("speed", format!("{} M rays/s, {interval}", millions(speed.value))),
             ("range", format!("{:.3} to {:.3} M rays/s", min / 1e6, max / 1e6)),
         ];
         rows.iter().fold(String::new(), |mut text, (name, value)| {
@@ -172,7 +181,7 @@ impl Report<'_> {
     fn json(&self) -> serde_json::Value {
         let outcome = &self.outcome;
         let bootstrap = Bootstrap::default();
-        let Estimate { value, low, high } = bootstrap.median(&self.speeds());
+        let speed = bootstrap.median(&self.speeds());
         let (min, max) = self.range();
         json!({
             "raywave_version": env!("CARGO_PKG_VERSION"),
@@ -194,18 +203,42 @@ impl Report<'_> {
             "scene_fetch": if outcome.texel_fetch { "texel" } else { "storage" },
             "hit_share": self.hit_share(),
             "checked_rays": outcome.checked,
-            "rounded_answers": outcome.rounded,
+            "warm_up": outcome.warmth,
             "clock": self.clock(),
+            "idle_seconds": outcome.idle_seconds,
+            "clocks_before": self.clocks[0],
+            "clocks_after": self.clocks[1],
             "seconds": outcome.seconds,
             "rays_per_second": {
-                "median": value,
-                "low": low,
-                "high": high,
+                "median": speed.value,
+                "low": speed.interval.map(|interval| interval.low),
+                "high": speed.interval.map(|interval| interval.high),
+                "verdict": speed.interval.is_none().then_some(TOO_FEW_ROUNDS),
                 "confidence": bootstrap.confidence,
                 "min": min,
                 "max": max,
             },
         })
+    }
+
+    /// How the device was warmed up.
+    fn warm_up(&self) -> String {
+        let Warmth { seconds, steady, last_apart } = self.outcome.warmth;
+        let apart = last_apart
+            .map_or_else(String::new, |apart| format!("; the last two windows are {:.2} % apart", 100.0 * apart));
+        let verdict = match steady {
+            Some(true) => ", steady",
+            Some(false) => ", not steady within 1 %",
+            None => "",
+        };
+        format!("{seconds:.2} s{verdict}{apart}")
+    }
+
+    /// How long the device had nothing to do between the timed launches.
+    fn idle(&self) -> String {
+        let timed: f64 = self.outcome.seconds.iter().sum();
+        let share = |idle: f64| format!(", idle for {:.2} % of them", 100.0 * idle / (timed + idle));
+        self.outcome.idle_seconds.map_or_else(String::new, share)
     }
 
     fn clock(&self) -> &'static str {

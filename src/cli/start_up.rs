@@ -23,8 +23,7 @@ use super::tuning::Tuning;
 use super::{load_scene, open_device, print};
 use crate::export::numbers::{Unit, interval};
 use crate::export::plain;
-use crate::gpu::Instance;
-use crate::render::{PreparedScene, Session, Settings};
+use crate::render::{Defaults, PreparedScene, Session, Settings};
 use crate::stats::{Bootstrap, Estimate};
 
 /// Measure how long a process takes to its first sample, with cold and with warm shader caches
@@ -166,7 +165,7 @@ pub fn first_sample(arguments: &FirstSampleArguments) -> anyhow::Result<()> {
     settings.validate()?;
     let scene = load_scene(arguments.scene.as_deref(), true)?;
     let device = open_device(arguments.device.as_deref())?;
-    let prepared = PreparedScene::for_lanes(&scene, &settings, device.description().subgroup_size)?;
+    let prepared = PreparedScene::for_device(&scene, &settings, &Defaults::of(&device)?)?;
     let settings = Settings { samples: 1, ..settings };
     let mut session = Session::new(&device, &prepared, &settings)?;
     let outcome = session.render(|_| ControlFlow::Continue(()))?;
@@ -210,8 +209,8 @@ pub fn run_command(arguments: &StartUpArguments) -> anyhow::Result<()> {
     let scene = load_scene(arguments.scene.as_deref(), false)?;
     let mut settings = arguments.picture.settings(&scene)?;
     if arguments.picture.tuned() {
-        let device = Instance::new(false)?.choose(arguments.picture.device())?;
-        Tuning::of_scene(&device, &scene, false).apply(&mut settings, device.is_software(), device.subgroup_size);
+        let device = arguments.picture.open_device()?;
+        Tuning::of_scene(device.description(), &scene, false).apply(&mut settings, &Defaults::of(&device)?);
     }
     let measured = measure(arguments.scene.as_deref(), arguments.picture.device(), &settings, arguments.rounds)?;
     let settings = &measured.cold[0].told.settings;

@@ -115,7 +115,7 @@ pub fn run(
                 bar.tick();
             }
             SweepEvent::Updated(report) => {
-                if let Err(error) = exports.write(&TradeoffDocument { provenance: &provenance, report }) {
+                if let Err(error) = exports.update(&TradeoffDocument { provenance: &provenance, report }) {
                     unwritten = Some(error);
                     return ControlFlow::Break(());
                 }
@@ -131,7 +131,9 @@ pub fn run(
     if let (Some(warning), false) = (references.warning(), arguments.quiet) {
         eprintln!("warning: {warning}");
     }
-    print(&TradeoffDocument { provenance: &provenance, report: &report }.markdown())
+    let document = TradeoffDocument { provenance: &provenance, report: &report };
+    exports.write(&document)?;
+    print(&document.markdown())
 }
 
 fn plan_text(plan: &SweepPlan) -> String {
@@ -157,7 +159,7 @@ fn above_zero(text: &str) -> Result<f64, String> {
 }
 
 /// Seconds of a time such as 90s, 10m or 1h.
-fn duration(text: &str) -> Result<f64, String> {
+pub(super) fn duration(text: &str) -> Result<f64, String> {
     let (number, unit) = match text.as_bytes().last() {
         Some(b's') => (&text[..text.len() - 1], 1.0),
         Some(b'm') => (&text[..text.len() - 1], 60.0),

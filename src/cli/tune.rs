@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use indicatif::HumanCount;
@@ -14,14 +14,15 @@ use super::picture::{PictureArguments, bvh_name, fetch_name};
 use super::tuning::{Key, TunedClass, Tuning, describe};
 use super::{load_scene, print};
 use crate::bvh::BvhKind;
-use crate::export::numbers::significant;
+use crate::export::numbers::{estimate, significant};
 use crate::gpu::{Device, DeviceKind, GpuError};
 use crate::rays::{RayClass, RayOrder, RayRecord};
 use crate::render::{
-    Fetch, Packets, PrepareError, PreparedScene, RenderError, Replay, Scheduler, Session, Settings, Traversal,
+    Defaults, Fetch, Packets, PrepareError, PreparedScene, RenderError, Replay, Scheduler, Session, Settings,
+    Traversal, WarmUp, Warmth,
 };
 use crate::scene::Scene;
-use crate::stats::{Bootstrap, Estimate, SplitMix64, median};
+use crate::stats::{Bootstrap, Estimate, SplitMix64, TOO_FEW_ROUNDS, median};
 use crate::studies::shuffle;
 
 /// Find the fastest way to trace a scene's rays on a device, and keep it for later renders
@@ -94,7 +95,7 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     let device = arguments.picture.open_device()?;
     let key = Key::new(device.description(), scene.mesh.triangles.len());
 
-    let default = default_traversal(&device, &settings, &scene);
+    let default = default_traversal(&device, &settings, &scene)?;
     let mut scenes = HashMap::from([(default.bvh, PreparedScene::with_bvh(&scene, default.bvh)?)]);
     for kind in BvhKind::all_of(scene.mesh.triangles.len()) {
         if let Entry::Vacant(entry) = scenes.entry(kind) {
@@ -106,7 +107,7 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
     }
     let settings = small(settings);
     let frozen = freeze(&device, &scenes[&default.bvh], &settings)?;
-    let measured = measure(&device, &scenes, &settings, &frozen, default, arguments)?;
+    let (measured, warmth) = measure(&device, &scenes, &settings, &frozen, default, arguments)?;
     let plans = plans(&measured, &frozen);
     let own = plans.iter().find(|plan| plan.ways[0].traversal.shared() == default.shared());
     let own = own.context("the default cannot be measured on this device")?;
@@ -120,6 +121,7 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
         measured: &measured,
         own,
         chosen,
+        warmth,
     };
     let tuning = report.tuning();
     let file = key.file();
@@ -136,14 +138,14 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
 }
 
 /// How rays are traced where nothing is tuned.
-fn default_traversal(device: &Device, settings: &Settings, scene: &Scene) -> Traversal {
-    let description = device.description();
-    Traversal {
-        bvh: settings.bvh_for(description.subgroup_size, scene.mesh.triangles.len()),
-        fetch: if description.kind == DeviceKind::Cpu { Fetch::Texel } else { Fetch::Storage },
-        workgroup_size: description.max_workgroup_size.min(256),
+fn default_traversal(device: &Device, settings: &Settings, scene: &Scene) -> Result<Traversal, GpuError> {
+    let defaults = Defaults::of(device)?;
+    Ok(Traversal {
+        bvh: defaults.bvh(settings, scene.mesh.triangles.len()),
+        fetch: defaults.fetch,
+        workgroup_size: device.description().max_workgroup_size.min(Defaults::WORKGROUP),
         packets: false,
-    }
+    })
 }
 
 /// The same picture of fewer pixels, all samples of which are in flight at once.
@@ -159,7 +161,7 @@ fn small(settings: Settings) -> Settings {
 /// Renders a sample of every pixel and freezes rays of each class that there are.
 fn freeze(device: &Device, scene: &PreparedScene, settings: &Settings) -> Result<Vec<Frozen>, RenderError> {
     let mut session = Session::new(device, scene, settings)?;
-    let traced = session.render(|_| ControlFlow::Continue(()))?.statistics;
+    let traced = session.time()?;
     let classes = [
         (RayClass::Camera, 0..1, traced.camera_rays),
         (RayClass::Bounce, 1..1 + BOUNCES, traced.bounce_rays),
@@ -219,8 +221,8 @@ impl<'a> Replays<'a> {
     }
 }
 
-/// Checks every way's answers, then times all of them in rounds of random order. Ways that the device
-/// has no room for are left out.
+/// Checks every way's answers, then warms the device up and times all of them in rounds of random order. Ways that
+/// the device has no room for are left out.
 fn measure(
     device: &Device,
     scenes: &HashMap<BvhKind, PreparedScene>,
@@ -228,7 +230,7 @@ fn measure(
     frozen: &[Frozen],
     default: Traversal,
     arguments: &TuneArguments,
-) -> anyhow::Result<Vec<Measured>> {
+) -> anyhow::Result<(Vec<Measured>, Warmth)> {
     let mut replays = Replays { device, scenes, settings, frozen, open: HashMap::new() };
     let max = device.description().max_workgroup_size;
     let mut workgroups: Vec<u32> = WORKGROUPS.into_iter().filter(|size| *size <= max).collect();
@@ -267,14 +269,22 @@ fn measure(
     }
     let mut random = SplitMix64::new(0);
     let mut order: Vec<usize> = (0..measured.len()).collect();
+    let software = device.description().kind == DeviceKind::Cpu;
+    let mut warmth = Warmth::default();
+    let mut last: Option<Instant> = None;
     for _ in 0..arguments.rounds {
         shuffle(&mut order, &mut random);
         for &at in &order {
             let Measured { class, traversal, seconds } = &mut measured[at];
-            seconds.push(replays.get(*class, *traversal)?.round()? / rays[*class] as f64);
+            let replay = replays.get(*class, *traversal)?;
+            if WarmUp::is_due(software, last.map(|last| last.elapsed())) {
+                warmth.add(&replay.warm()?);
+            }
+            seconds.push(replay.round()? / rays[*class] as f64);
+            last = Some(Instant::now());
         }
     }
-    Ok(measured)
+    Ok((measured, warmth))
 }
 
 /// Rays of a round of each class, where a way gives the right answers; `None` where the device does
@@ -318,7 +328,7 @@ fn speed_up(plan: &Plan<'_>, other: &Plan<'_>) -> Estimate {
 /// The fastest plan, or the default where that may be as fast.
 fn choose<'a, 'b>(plans: &'b [Plan<'a>], own: &'b Plan<'a>) -> &'b Plan<'a> {
     let fastest = plans.iter().min_by(|a, b| median(&a.seconds).total_cmp(&median(&b.seconds))).unwrap_or(own);
-    if speed_up(fastest, own).low > 1.0 { fastest } else { own }
+    if speed_up(fastest, own).surely_above(1.0) { fastest } else { own }
 }
 
 /// All that is told.
@@ -330,6 +340,7 @@ struct Report<'a> {
     measured: &'a [Measured],
     own: &'a Plan<'a>,
     chosen: &'a Plan<'a>,
+    warmth: Warmth,
 }
 
 impl Report<'_> {
@@ -366,18 +377,21 @@ impl Report<'_> {
         for plan in plans {
             let Traversal { bvh, fetch, workgroup_size, .. } = plan.ways[0].traversal;
             let speeds = plan.ways.iter().map(|way| {
-                let Estimate { value, low, high } = speed(&way.seconds);
                 let packets = if way.traversal.packets { " packets" } else { "" };
-                format!("{} [{}, {}]{packets}", millions(value), millions(low), millions(high))
+                estimate(&speed(&way.seconds), millions) + packets
             });
-            let Estimate { value, low, high } = speed_up(plan, self.own);
-            let ratio = format!("{value:.2} [{low:.2}, {high:.2}]");
+            let ratio = estimate(&speed_up(plan, self.own), |value| format!("{value:.2}"));
             let workgroup = workgroup_size.to_string();
             text += &row([bvh_name(bvh), fetch_name(fetch), &workgroup], speeds.chain([ratio]));
         }
+        if self.warmth.steady == Some(false) {
+            text += "\nThe device's speed did not settle within 1 % before all of it was timed.\n";
+        }
         text += "\nchosen  ";
         text += &describe(&self.chosen.ways[0].traversal, self.tuning().packets());
-        if std::ptr::eq(self.chosen, self.own) {
+        if self.rounds() < bootstrap.enough() {
+            text += &format!(": the default; {TOO_FEW_ROUNDS} to say what is faster, {} can", bootstrap.enough());
+        } else if std::ptr::eq(self.chosen, self.own) {
             text += ": the default, than which nothing is surely faster";
         }
         text += "\n";
@@ -432,6 +446,7 @@ impl Report<'_> {
             "width_pixels": self.settings.width,
             "height_pixels": self.settings.height,
             "rounds": self.rounds(),
+            "warm_up": self.warmth,
             "classes": classes,
             "variants": variants,
             "against_default": speed_ups,

@@ -17,7 +17,7 @@ use super::picture::{BvhName, FetchName, bvh_name, fetch_name};
 use super::{cache_folder, write_text};
 use crate::gpu::DeviceDescription;
 use crate::rays::RayClass;
-use crate::render::{Fetch, Packets, SceneLevels, Scheduler, Settings, Statistics, Traversal};
+use crate::render::{Defaults, Fetch, Packets, SceneLevels, Scheduler, Settings, Statistics, Traversal};
 use crate::scene::Scene;
 
 /// How to trace rays, by class; of no class where nothing is tuned.
@@ -115,12 +115,12 @@ impl Tuning {
         })
     }
 
-    /// Chooses what the settings leave open, on a device of so many lanes a subgroup, which is software or is
-    /// not. The workgroup was measured with the wavefront's kernels, and is for them alone.
-    pub fn apply(&self, settings: &mut Settings, software: bool, lanes: u32) {
+    /// Chooses what the settings leave open on a device of such defaults. The workgroup was measured with the wavefront's
+    /// kernels, and is for them alone.
+    pub fn apply(&self, settings: &mut Settings, defaults: &Defaults) {
         let Some(Traversal { bvh, fetch, workgroup_size, .. }) = self.shared() else { return };
         // Whether it is the wavefront does not depend on the scene.
-        let wavefront = settings.scheduler_for(software, lanes, SceneLevels::default()) == Scheduler::Wavefront;
+        let wavefront = defaults.scheduler(settings, SceneLevels::default()) == Scheduler::Wavefront;
         let workgroup = wavefront && settings.workgroup_size.is_none();
         // Where no class is faster in packets nothing is said of them: it would ask for queues.
         let packets = settings.packets.is_none() && self.packets() != Packets::default();
@@ -313,31 +313,26 @@ mod tests {
     #[test]
     fn what_the_user_sets_stands() {
         let open = Settings::of(&Scene::cornell_box());
-        let apply_on = |settings: Settings, software| {
-            let mut settings = settings;
-            tuning().apply(&mut settings, software, 8);
+        let apply = |mut settings: Settings| {
+            tuning().apply(&mut settings, &Defaults::GPU);
             (settings.bvh, settings.fetch, settings.workgroup_size, settings.tuned)
         };
-        let apply = |settings| apply_on(settings, false);
         let (bvh, fetch) = (Some(BvhKind::Bvh4), Some(Fetch::Storage));
-        assert_eq!(apply(open), (bvh, fetch, Some(64), true));
         assert_eq!(apply(Settings { workgroup_size: Some(8), ..open }), (bvh, fetch, Some(8), true));
-        for scheduler in [Scheduler::Bounce, Scheduler::Megakernel] {
-            assert_eq!(apply(Settings { scheduler: Some(scheduler), ..open }), (bvh, fetch, None, true));
+        for scheduler in [None, Some(Scheduler::Bounce), Some(Scheduler::Megakernel)] {
+            assert_eq!(apply(Settings { scheduler, ..open }), (bvh, fetch, None, true));
         }
-        // Software devices of eight lanes have another scheduler where the user does not say.
-        assert_eq!(apply_on(open, true), (bvh, fetch, None, true));
         let wavefront = Settings { scheduler: Some(Scheduler::Wavefront), ..open };
-        assert_eq!(apply_on(wavefront, true), (bvh, fetch, Some(64), true));
+        assert_eq!(apply(wavefront), (bvh, fetch, Some(64), true));
         let packets = Some(Packets { shadow: true, ..Packets::default() });
         let set =
             Settings { bvh: Some(BvhKind::Bvh2), fetch: Some(Fetch::Texel), workgroup_size: Some(8), packets, ..open };
         assert_eq!(apply(set), (set.bvh, set.fetch, Some(8), false));
         let mut tuned = open;
-        tuning().apply(&mut tuned, false, 8);
+        tuning().apply(&mut tuned, &Defaults::GPU);
         assert_eq!(tuned.packets, Some(Packets { camera: true, ..Packets::default() }));
         let mut untuned = open;
-        Tuning::default().apply(&mut untuned, false, 8);
+        Tuning::default().apply(&mut untuned, &Defaults::GPU);
         assert_eq!(untuned, open);
     }
 }

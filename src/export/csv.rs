@@ -31,6 +31,8 @@ fn cells(
     let (provenance, facts) = (document.provenance, &scene.facts);
     let (first, typical, counters) = (&combination.first, &combination.typical, &combination.counters);
     let (seconds, ratio) = (combination.seconds, combination.ratio);
+    let seconds_interval = seconds.and_then(|seconds| seconds.interval);
+    let ratio_interval = ratio.and_then(|ratio| ratio.estimate.interval);
     let method = |method| match method {
         RatioMethod::Medians => "medians",
         RatioMethod::PairedRounds => "paired_rounds",
@@ -55,17 +57,19 @@ fn cells(
         ("rank", count(combination.rank.map(|rank| rank as u64))),
         ("runs", combination.runs.len().to_string()),
         ("seconds", number(seconds.map(|s| s.value))),
-        ("seconds_low", number(seconds.map(|s| s.low))),
-        ("seconds_high", number(seconds.map(|s| s.high))),
+        ("seconds_low", number(seconds_interval.map(|i| i.low))),
+        ("seconds_high", number(seconds_interval.map(|i| i.high))),
         ("ratio", number(ratio.map(|r| r.estimate.value))),
-        ("ratio_low", number(ratio.map(|r| r.estimate.low))),
-        ("ratio_high", number(ratio.map(|r| r.estimate.high))),
+        ("ratio_low", number(ratio_interval.map(|i| i.low))),
+        ("ratio_high", number(ratio_interval.map(|i| i.high))),
         ("ratio_method", ratio.map_or("", |r| method(r.method)).to_owned()),
-        ("within_noise", ratio.map_or_else(String::new, |r| r.within_noise.to_string())),
+        ("ratio_verdict", ratio.map_or("", |r| r.verdict().words()).to_owned()),
         ("samples_per_second", number(combination.samples_per_second())),
         ("rays_per_second", number(combination.rays_per_second())),
         ("wall_seconds", number(typical.as_ref().map(|t| t.wall_seconds))),
         ("gpu_seconds", number(typical.as_ref().map(|t| t.gpu_seconds))),
+        ("idle_before_seconds", number(combination.idle_before_seconds())),
+        ("clock_megahertz", number(combination.megahertz())),
         ("camera_rays", count(typical.as_ref().map(|t| t.rays.camera))),
         ("bounce_rays", count(typical.as_ref().map(|t| t.rays.bounce))),
         ("shadow_rays", count(typical.as_ref().map(|t| t.rays.shadow))),

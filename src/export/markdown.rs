@@ -2,9 +2,9 @@
 
 use serde_json::Value;
 
-use super::numbers::{Unit, count, interval, ratio, seconds};
+use super::numbers::{Unit, count, estimate, interval, ratio, seconds};
 use super::{Document, plain};
-use crate::studies::{Clock, CombinationReport, CrossingDirection, Provenance, SceneReport};
+use crate::studies::{Clock, CombinationReport, CrossingDirection, Provenance, RatioVerdict, SceneReport};
 
 /// A table for each scene, and what to distrust below it.
 pub fn write(document: &Document<'_>) -> String {
@@ -83,8 +83,9 @@ fn scene_text(scene: &SceneReport) -> String {
         for crossing in &crossover.crossings {
             let beyond = if crossing.direction == CrossingDirection::AFasterBeyond { &a } else { &b };
             text += &format!(
-                "\n- {a} and {b} cross at {} {:.0} [{:.0}, {:.0}]; {beyond} is faster beyond.\n",
-                crossover.factor, crossing.cost.value, crossing.cost.low, crossing.cost.high
+                "\n- {a} and {b} cross at {} {}; {beyond} is faster beyond.\n",
+                crossover.factor,
+                estimate(&crossing.cost, |cost| format!("{cost:.0}")),
             );
         }
     }
@@ -95,7 +96,9 @@ fn row(combination: &CombinationReport, unit: Unit) -> String {
     let rate = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), count);
     let seconds = combination.seconds.map_or_else(|| "–".to_owned(), |seconds| interval(&seconds, unit));
     let against = match &combination.ratio {
-        Some(found) if found.within_noise => format!("{}, within noise", ratio(&found.estimate)),
+        Some(found) if found.verdict() == RatioVerdict::WithinNoise => {
+            format!("{}, within noise", ratio(&found.estimate))
+        }
         Some(found) => ratio(&found.estimate),
         None if combination.label == combination.baseline => "1".to_owned(),
         None => "–".to_owned(),

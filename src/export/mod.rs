@@ -14,6 +14,7 @@ pub(crate) mod numbers;
 mod tradeoff;
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use serde::Serialize;
 use serde_json::Value;
@@ -100,13 +101,18 @@ pub enum Format {
     Html,
 }
 
-/// The files of a study, written anew each time there is more to say, each of them whole: a study
-/// that is broken off leaves what it had.
+/// The files of a study, written anew as there is more to say, each of them whole: a study that is
+/// broken off leaves what it had.
 #[derive(Debug, Default)]
 pub struct Exports {
     files: Vec<(Format, PathBuf)>,
     page: Page,
+    /// When they may be written again.
+    next: Option<Instant>,
 }
+
+/// How many times as long as they took to be written files are left alone by [`Exports::update`].
+const REST: u32 = 19;
 
 impl Exports {
     /// Files to write. Checks, before any work is begun, that they can be written and differ. PNG
@@ -121,7 +127,21 @@ impl Exports {
                 return Err(ExportError::Twice { path: path.clone() });
             }
         }
-        Ok(Self { files, page: Page::new(exposure_stops) })
+        Ok(Self { files, page: Page::new(exposure_stops), next: None })
+    }
+
+    /// Writes every file, unless that has been done so lately that it would take more than a twentieth of the time: a
+    /// device that is measured would wait for it.
+    ///
+    /// # Errors
+    /// As [`Exports::write`].
+    pub fn update(&mut self, document: &dyn Exported) -> Result<(), ExportError> {
+        let start = Instant::now();
+        if self.next.is_none_or(|next| start >= next) {
+            self.write(document)?;
+            self.next = Some(Instant::now() + REST * start.elapsed());
+        }
+        Ok(())
     }
 
     /// Writes every file.

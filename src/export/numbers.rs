@@ -1,6 +1,6 @@
 //! Numbers for people.
 
-use crate::stats::Estimate;
+use crate::stats::{Estimate, Interval, TOO_FEW_ROUNDS};
 
 /// A number with that many significant digits and no exponent.
 pub fn significant(value: f64, digits: i32) -> String {
@@ -72,16 +72,31 @@ pub fn grouped(value: u64) -> String {
     groups.join(",")
 }
 
-/// An interval of times in a unit: `12.3 [12.1, 12.6]`.
-pub fn interval(estimate: &Estimate, unit: Unit) -> String {
-    let Estimate { value, low, high } = *estimate;
-    format!("{} [{}, {}]", unit.number(value), unit.number(low), unit.number(high))
+/// A value and its interval, each shown in that way: `12.3 [12.1, 12.6]`, or `12.3, too few rounds`.
+pub fn estimate(estimate: &Estimate, show: impl Fn(f64) -> String) -> String {
+    let value = show(estimate.value);
+    match estimate.interval {
+        Some(Interval { low, high }) => format!("{value} [{}, {}]", show(low), show(high)),
+        None => format!("{value}, {TOO_FEW_ROUNDS}"),
+    }
+}
+
+/// The interval alone, beside its value: `12.1–12.6`, or `too few rounds`.
+pub fn bounds(estimate: &Estimate, show: impl Fn(f64) -> String) -> String {
+    match estimate.interval {
+        Some(Interval { low, high }) => format!("{}–{}", show(low), show(high)),
+        None => TOO_FEW_ROUNDS.to_owned(),
+    }
+}
+
+/// A time in a unit: `12.3 [12.1, 12.6]`.
+pub fn interval(time: &Estimate, unit: Unit) -> String {
+    estimate(time, |value| unit.number(value))
 }
 
 /// A ratio: `0.834 [0.829, 0.840]`.
-pub fn ratio(estimate: &Estimate) -> String {
-    let Estimate { value, low, high } = *estimate;
-    format!("{value:.3} [{low:.3}, {high:.3}]")
+pub fn ratio(ratio: &Estimate) -> String {
+    estimate(ratio, |value| format!("{value:.3}"))
 }
 
 /// A power of ten: `10⁻⁶`.

@@ -4,9 +4,9 @@ use serde::Serialize;
 
 use super::csv::line;
 use super::markdown::{self, escape};
-use super::numbers::{Unit, interval, seconds};
+use super::numbers::{Unit, estimate, interval, ratio, seconds};
 use super::{Exported, Page};
-use crate::stats::Estimate;
+use crate::stats::{Estimate, TOO_FEW_ROUNDS};
 use crate::studies::Provenance;
 use crate::studies::tradeoff::{Decomposition, KnobReport, PointReport, TradeoffReport, Worth};
 
@@ -44,13 +44,8 @@ pub fn small(value: f64) -> String {
 }
 
 /// It and its interval.
-pub fn small_interval(Estimate { value, low, high }: &Estimate) -> String {
-    format!("{} [{}, {}]", small(*value), small(*low), small(*high))
-}
-
-/// A ratio with its interval.
-pub fn ratio_interval(Estimate { value, low, high }: &Estimate) -> String {
-    format!("{value:.3} [{low:.3}, {high:.3}]")
+pub fn small_interval(number: &Estimate) -> String {
+    estimate(number, small)
 }
 
 /// What a knob at a level is called.
@@ -76,7 +71,7 @@ pub fn findings(report: &TradeoffReport) -> Vec<String> {
             small(error),
             best.1
         ));
-    } else if !report.knobs.is_empty() {
+    } else if report.knobs.iter().any(|knob| knob.worth != Worth::TooFewRounds) {
         findings.push("no knob surely buys anything at the base's error: take more or fewer samples".to_owned());
     }
     let with_cost = |knob: &KnobReport| format!("{} ({:.2}×)", knob_label(knob), knob.cost_ratio.value);
@@ -100,6 +95,10 @@ pub fn findings(report: &TradeoffReport) -> Vec<String> {
     let even: Vec<String> = of(Worth::Even).map(knob_label).collect();
     if !even.is_empty() {
         findings.push(format!("makes no sure difference: {}", list(even)));
+    }
+    let unknown: Vec<String> = of(Worth::TooFewRounds).map(knob_label).collect();
+    if !unknown.is_empty() {
+        findings.push(format!("{TOO_FEW_ROUNDS} to judge: {}", list(unknown)));
     }
     let never: Vec<String> = of(Worth::Never).map(with_cost).collect();
     if !never.is_empty() {
@@ -171,8 +170,9 @@ fn cells(document: &TradeoffDocument<'_>, point: &PointReport) -> Vec<(String, S
     .to_vec();
     let mut estimate = |name: &str, estimate: Option<Estimate>| {
         cells.push((name.to_owned(), number(estimate.map(|e| e.value))));
-        cells.push((format!("{name}_low"), number(estimate.map(|e| e.low))));
-        cells.push((format!("{name}_high"), number(estimate.map(|e| e.high))));
+        let interval = estimate.and_then(|e| e.interval);
+        cells.push((format!("{name}_low"), number(interval.map(|i| i.low))));
+        cells.push((format!("{name}_high"), number(interval.map(|i| i.high))));
     };
     estimate("seconds", point.seconds);
     for (name, error) in [("rel_mse", point.rel_mse), ("mse", point.mse)] {
@@ -183,6 +183,8 @@ fn cells(document: &TradeoffDocument<'_>, point: &PointReport) -> Vec<(String, S
     }
     estimate("relative_mean_error", point.mean_error);
     estimate("efficiency_per_second", point.efficiency);
+    let verdict = point.seconds.filter(|seconds| seconds.interval.is_none()).map_or("", |_| TOO_FEW_ROUNDS);
+    cells.push(("interval_verdict".to_owned(), verdict.to_owned()));
     cells.push(("nonfinite_samples".to_owned(), point.nonfinite_samples.to_string()));
     cells
 }
@@ -213,11 +215,11 @@ fn markdown(document: &TradeoffDocument<'_>) -> String {
         text += &format!(
             "| {} | {} | {} | {} | {} | {} | {} |\n",
             escape(&knob_label(knob)),
-            ratio_interval(&knob.time_ratio),
-            ratio_interval(&knob.cost_ratio),
+            ratio(&knob.time_ratio),
+            ratio(&knob.cost_ratio),
             if knob.identical { "none, to the last bit".to_owned() } else { small_interval(&knob.bias_squared) },
             small(knob.mean_shift.value),
-            knob.worth.word(),
+            knob.worth.words(),
             knob.pays_above.map_or_else(|| "–".to_owned(), small),
         );
     }

@@ -55,4 +55,10 @@ impl Image {
         }
         hasher.finalize().to_hex().to_string()
     }
+
+    /// Whether it is of the same size and has the same bits: zeros of unlike sign differ, NaNs of like bits do not.
+    pub fn is_identical(&self, other: &Self) -> bool {
+        let [own, others] = [self, other].map(|image| bytemuck::cast_slice::<_, u8>(&image.pixels));
+        (self.width, self.height) == (other.width, other.height) && own == others
+    }
 }

@@ -1,7 +1,8 @@
 //! A logical device with one compute queue and its memory.
 
 use std::mem::ManuallyDrop;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use ash::{ext, khr, vk};
@@ -26,7 +27,12 @@ pub(super) struct Shared {
     /// Dropped by hand, before the device.
     pub allocator: ManuallyDrop<Mutex<Allocator>>,
     pub pipeline_cache: PipelineCache,
+    pub cache_folder: Option<PathBuf>,
     pub description: DeviceDescription,
+    /// Submissions of recordings until the device counts as lost.
+    pub submissions_left: AtomicU64,
+    /// Timestamp of the end of the last recording of any executor that has been waited for; 0 before the first.
+    pub last_end: AtomicU64,
     pub instance: Arc<Instance>,
 }
 
@@ -57,6 +63,8 @@ impl Device {
         let mut uniform = vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default()
             .shader_subgroup_uniform_control_flow(true);
         let mut size_control = vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
+        let mut executables =
+            vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
         let mut extensions = Vec::new();
         let mut info = vk::DeviceCreateInfo::default().queue_create_infos(&queues);
         match description.promises.reconvergence {
@@ -73,6 +81,10 @@ impl Device {
         if description.subgroup_size_varies {
             extensions.push(ext::subgroup_size_control::NAME.as_ptr());
             info = info.push_next(&mut size_control);
+        }
+        if description.tells_executables {
+            extensions.push(khr::pipeline_executable_properties::NAME.as_ptr());
+            info = info.push_next(&mut executables);
         }
         let info = info.enabled_extension_names(&extensions);
         // SAFETY: the physical device comes from this instance; `info` holds locals only.
@@ -93,9 +105,12 @@ impl Device {
             shared: Arc::new(Shared {
                 raw,
                 pipeline_cache,
+                cache_folder: folder.map(Path::to_owned),
                 queue: Mutex::new(queue),
                 allocator: ManuallyDrop::new(Mutex::new(allocator)),
                 description,
+                submissions_left: AtomicU64::new(u64::MAX),
+                last_end: AtomicU64::new(0),
                 instance: Arc::clone(instance),
             }),
         })
@@ -104,6 +119,17 @@ impl Device {
     /// What the device is.
     pub fn description(&self) -> &DeviceDescription {
         &self.shared.description
+    }
+
+    /// Lets the device count as lost after so many more submissions of recordings, so that it can be tried what comes
+    /// of it.
+    pub fn lose_after(&self, submissions: u64) {
+        self.shared.submissions_left.store(submissions, Ordering::Relaxed);
+    }
+
+    /// The folder in which what belongs to this device is kept, if anything is to be.
+    pub fn cache_folder(&self) -> Option<&Path> {
+        self.shared.cache_folder.as_deref()
     }
 
     /// Bytes of the heap of [`DeviceDescription::memory_bytes`] that are taken, by this process and all
@@ -115,6 +141,17 @@ impl Device {
     /// What the validation layer has said so far; empty when all is well.
     pub fn validation_messages(&self) -> Vec<String> {
         self.shared.instance.validation_messages()
+    }
+}
+
+impl Shared {
+    /// Whether the device counts as lost; `counts` is whether it is asked for a recording.
+    pub fn is_lost(&self, counts: bool) -> bool {
+        let left = self.submissions_left.load(Ordering::Relaxed);
+        if counts && left > 0 && left < u64::MAX {
+            self.submissions_left.store(left - 1, Ordering::Relaxed);
+        }
+        left == 0
     }
 }
 

@@ -54,6 +54,9 @@ pub(super) trait Action<T> {
 
 impl<T> Action<T> for Result<T, vk::Result> {
     fn during(self, action: &'static str) -> Result<T, GpuError> {
-        self.map_err(|result| GpuError::Vulkan { action, result })
+        self.map_err(|result| match result {
+            vk::Result::ERROR_DEVICE_LOST => GpuError::DeviceLost { pass: format!("what came before {action}") },
+            result => GpuError::Vulkan { action, result },
+        })
     }
 }

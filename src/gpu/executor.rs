@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use ash::vk;
@@ -10,10 +11,11 @@ use gpu_allocator::MemoryLocation;
 use super::buffer::Buffer;
 use super::device::{Device, Shared};
 use super::error::{Action, GpuError};
+use super::executables::{CompiledKernel, compiled_kernels};
 use super::memory::{MemoryLimits, MemoryPlan, plan_memory};
 use super::pipeline::{Pipelines, descriptor_type};
 use crate::recording::{Pass, Recording};
-use crate::shaders::{Access, Arithmetic, BindingKind, Build, Edition, Kernel, Library};
+use crate::shaders::{Access, Arithmetic, BindingKind, Build, Edition, Kernel, Library, Specialized};
 
 /// How kernels see a buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,9 +52,8 @@ pub struct ExecutorDescription<'a> {
     pub specialization: &'a [u32],
     /// Every buffer that the kernels bind. One that no kernel binds as it is specialized is not made.
     pub buffers: Vec<BufferRole<'a>>,
-    /// How kernels are to reach memory, as far as the device can; without, the way that is
-    /// fastest on its kind.
-    pub access: Option<Access>,
+    /// How kernels are to reach memory, as far as the device can.
+    pub access: Access,
     /// Which builds of the kernels to run.
     pub edition: Edition,
     /// How they compute with floats.
@@ -70,12 +71,21 @@ pub struct KernelTime {
     pub launches: u64,
 }
 
+/// How long the device had no recording, by its own clock; `None` where it has none, or there was nothing before.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Idle {
+    /// Seconds before the first recording, since the last one of any executor of the device.
+    pub before: Option<f64>,
+    /// Seconds between the recordings, summed.
+    pub between: Option<f64>,
+}
+
 /// Passes that one command buffer can time.
 const MAX_TIMED_PASSES: u32 = 2048;
 /// Timestamps of a command buffer: its very start, the end of the barrier that opens it, the end of
 /// each pass, and its very end.
 const FIRST_PASS: usize = 2;
-/// Bytes of the buffer that carries data to and from the device.
+/// Bytes of each of the buffers that carry data to and from the device, at most: no more than the largest that they serve.
 const STAGING_BYTES: u64 = 16 << 20;
 /// Submissions that the device may have at once.
 const SLOTS: usize = 2;
@@ -90,12 +100,25 @@ pub struct Executor {
     command_pool: vk::CommandPool,
     slots: Vec<Slot>,
     next_slot: usize,
+    /// What the host writes for the device.
     staging: Buffer,
+    /// What the device writes for the host: memory that the host reads fast.
+    readback: Buffer,
     times: BTreeMap<(&'static str, u32), KernelTime>,
     /// Inside command buffers of recordings, from end to end.
     seconds: f64,
+    /// Of each submission of a recording that has been waited for and not been asked for.
+    submission_seconds: Vec<f64>,
+    /// When the host saw the last submission end.
+    last_end: Instant,
+    idle: Idle,
+    /// Seconds of every pass, where they are kept.
+    launches: Option<Vec<f64>>,
     access: Access,
     memory_bytes: u64,
+    /// What the pipelines were built from.
+    kernels: Vec<(&'static str, Specialized)>,
+    specialization: Vec<u32>,
     device: Arc<Shared>,
 }
 
@@ -106,22 +129,21 @@ struct Slot {
     queries: vk::QueryPool,
     /// Kernel and bounce of the passes in flight, one per timestamp from [`FIRST_PASS`] on.
     pending: Option<Vec<(&'static str, u32)>>,
+    /// When it was submitted.
+    start: Instant,
 }
 
 impl Executor {
     /// Makes buffers and pipelines, and uploads the first contents.
     ///
-    /// Scene buffers are read by texels on software devices, which is faster there, and on any
-    /// device where only the texel limit is wide enough.
+    /// Scene buffers are read the other way than is wanted where only that one is wide enough.
     ///
     /// # Errors
     /// When a buffer is over the device's limits or its memory, or a kernel cannot be built.
     pub fn new(device: &Device, mut description: ExecutorDescription<'_>) -> Result<Self, GpuError> {
         let shared = &device.shared;
         let limits = &shared.description;
-        let wanted = description
-            .access
-            .unwrap_or(Access { texel_fetch: limits.kind == super::DeviceKind::Cpu, subgroup_ballot: true });
+        let wanted = description.access;
         let access = Access { subgroup_ballot: wanted.subgroup_ballot && limits.subgroup_ballot, ..wanted };
         let build = Build {
             constants: description.specialization,
@@ -138,6 +160,8 @@ impl Executor {
         let kernels = specialized(access);
         let bound: HashSet<_> = kernels.iter().flat_map(|(_, kernel)| &kernel.bindings).map(|b| b.name).collect();
         description.buffers.retain(|role| bound.contains(role.name));
+        let largest = description.buffers.iter().map(|role| role.size).max().unwrap_or_default();
+        let staging_bytes = largest.clamp(64, STAGING_BYTES);
         let memory = MemoryLimits {
             storage_buffer_bytes: limits.max_storage_buffer_bytes,
             texels: limits.max_texel_buffer_elements,
@@ -145,16 +169,17 @@ impl Executor {
             used_bytes: device.used_memory(),
         };
         let MemoryPlan { texel_fetch, bytes } =
-            plan_memory(&description.buffers, STAGING_BYTES, access.texel_fetch, &memory)?;
+            plan_memory(&description.buffers, 2 * staging_bytes, access.texel_fetch, &memory)?;
         let kernels =
             if texel_fetch == access.texel_fetch { kernels } else { specialized(Access { texel_fetch, ..access }) };
         let access = Access { texel_fetch, ..access };
 
         let start = Instant::now();
-        let pipelines = Pipelines::new(shared, kernels, description.specialization)?;
+        let pipelines = Pipelines::new(shared, kernels.clone(), description.specialization)?;
         let pipelines_time = start.elapsed();
         let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
-        let staging = Buffer::new(shared, "staging", STAGING_BYTES, transfer, MemoryLocation::CpuToGpu)?;
+        let staging = Buffer::new(shared, "staging", staging_bytes, transfer, MemoryLocation::CpuToGpu)?;
+        let readback = Buffer::new(shared, "readback", staging_bytes, transfer, MemoryLocation::GpuToCpu)?;
         let mut executor = Self {
             buffers: HashMap::new(),
             pipelines,
@@ -165,10 +190,17 @@ impl Executor {
             slots: Vec::new(),
             next_slot: 0,
             staging,
+            readback,
             times: BTreeMap::new(),
             seconds: 0.0,
+            submission_seconds: Vec::new(),
+            last_end: Instant::now(),
+            idle: Idle::default(),
+            launches: None,
             access,
             memory_bytes: bytes,
+            kernels,
+            specialization: description.specialization.to_vec(),
             device: Arc::clone(shared),
         };
         executor.make_slots()?;
@@ -203,6 +235,27 @@ impl Executor {
         self.seconds
     }
 
+    /// Whether the device has a clock of its own.
+    pub fn has_clock(&self) -> bool {
+        self.device.description.timestamp_bits > 0
+    }
+
+    /// How long the device was idle before and between the recordings that have been waited for.
+    pub fn idle(&self) -> Idle {
+        self.idle
+    }
+
+    /// Lets the time of every pass be kept from now on, until they are taken.
+    pub fn keep_launches(&mut self) {
+        self.launches = Some(Vec::new());
+    }
+
+    /// Seconds of every pass that has been waited for since [`Executor::keep_launches`], in order: from the end of the
+    /// pass before, in its command buffer, to its own. Empty where the device has no clock.
+    pub fn take_launches(&mut self) -> Vec<f64> {
+        self.launches.take().unwrap_or_default()
+    }
+
     /// Time until all kernels were built: pipelines are made side by side, then launched once in turn.
     pub fn pipelines_time(&self) -> Duration {
         self.pipelines_time
@@ -214,10 +267,31 @@ impl Executor {
         self.pipelines.build_times()
     }
 
+    /// Seconds of each submission that has been waited for since the last call, in their order: by the device's clock,
+    /// and where it has none by the host's, from its start or the end of the one before until the host saw it end.
+    pub fn take_submission_seconds(&mut self) -> Vec<f64> {
+        std::mem::take(&mut self.submission_seconds)
+    }
+
+    /// Compiles the kernels once more, in pipelines that are never run, and asks the driver about them: what it keeps for
+    /// its answers might make these slower. `None` where it has none to give.
+    ///
+    /// # Errors
+    /// When a kernel cannot be built.
+    pub fn compiled_kernels(&self) -> Result<Option<Vec<CompiledKernel>>, GpuError> {
+        compiled_kernels(&self.device, self.kernels.clone(), &self.specialization)
+    }
+
+    /// Instructions of each kernel's SPIR-V that can run, by name.
+    pub fn instructions(&self) -> impl Iterator<Item = (&'static str, usize)> {
+        self.kernels.iter().map(|(name, kernel)| (*name, kernel.instructions))
+    }
+
     /// Starts the times and launches anew.
     pub fn forget_times(&mut self) {
         self.times.clear();
         self.seconds = 0.0;
+        self.idle = Idle::default();
     }
 
     /// Starts a recording. At most two are under way: a third waits for the first.
@@ -252,21 +326,34 @@ impl Executor {
     /// # Panics
     /// When no buffer has that name.
     pub fn read(&mut self, name: &str) -> Result<Vec<u8>, GpuError> {
-        self.wait()?;
         let size = self.buffers[name].size;
         let mut bytes = Vec::with_capacity(size as usize);
-        while (bytes.len() as u64) < size {
-            let offset = bytes.len() as u64;
+        self.visit(name, size, |_, part| bytes.extend_from_slice(part))?;
+        Ok(bytes)
+    }
+
+    /// Shows the host the first `size` bytes of a buffer where they are, after everything that was submitted: in parts
+    /// of whole 64 bytes, each with the byte that it begins at.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    ///
+    /// # Panics
+    /// When no buffer has that name or it is too small.
+    pub fn visit(&mut self, name: &str, size: u64, mut show: impl FnMut(u64, &[u8])) -> Result<(), GpuError> {
+        self.wait()?;
+        assert!(size <= self.buffers[name].size, "what is read of {name} is in it");
+        for offset in (0..size).step_by(STAGING_BYTES as usize) {
             let length = (size - offset).min(STAGING_BYTES);
             let regions = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: length }];
-            let (source, staging) = (self.buffers[name].raw, self.staging.raw);
+            let (source, readback) = (self.buffers[name].raw, self.readback.raw);
             self.run_once(|device, commands| {
                 // SAFETY: both buffers are alive and the region lies in both.
-                unsafe { device.cmd_copy_buffer(commands, source, staging, &regions) }
+                unsafe { device.cmd_copy_buffer(commands, source, readback, &regions) }
             })?;
-            bytes.extend_from_slice(&self.staging.bytes()[..length as usize]);
+            show(offset, &self.readback.bytes()[..length as usize]);
         }
-        Ok(bytes)
+        Ok(())
     }
 
     /// Overwrites a buffer from its start, after everything that was submitted.
@@ -277,12 +364,26 @@ impl Executor {
     /// # Panics
     /// When no buffer has that name or it is too small.
     pub fn write(&mut self, name: &str, bytes: &[u8]) -> Result<(), GpuError> {
+        self.fill(name, bytes.len() as u64, |offset, part| {
+            part.copy_from_slice(&bytes[offset as usize..][..part.len()]);
+        })
+    }
+
+    /// Overwrites the first `size` bytes of a buffer, after everything that was submitted. `put` fills them in parts of
+    /// whole 64 bytes, each with the byte that it begins at.
+    ///
+    /// # Errors
+    /// When the device is lost.
+    ///
+    /// # Panics
+    /// When no buffer has that name or it is too small.
+    pub fn fill(&mut self, name: &str, size: u64, mut put: impl FnMut(u64, &mut [u8])) -> Result<(), GpuError> {
         self.wait()?;
-        assert!(bytes.len() as u64 <= self.buffers[name].size, "the contents of {name} fit it");
-        for (i, chunk) in bytes.chunks(STAGING_BYTES as usize).enumerate() {
-            self.staging.bytes()[..chunk.len()].copy_from_slice(chunk);
-            let regions =
-                [vk::BufferCopy { src_offset: 0, dst_offset: i as u64 * STAGING_BYTES, size: chunk.len() as u64 }];
+        assert!(size <= self.buffers[name].size, "the contents of {name} fit it");
+        for offset in (0..size).step_by(STAGING_BYTES as usize) {
+            let length = (size - offset).min(STAGING_BYTES);
+            put(offset, &mut self.staging.bytes()[..length as usize]);
+            let regions = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: length }];
             let (staging, target) = (self.staging.raw, self.buffers[name].raw);
             self.run_once(|device, commands| {
                 // SAFETY: both buffers are alive and the region lies in both.
@@ -332,7 +433,7 @@ impl Executor {
                     device.create_query_pool(&info, None).during("making a query pool")?,
                 )
             };
-            self.slots.push(Slot { commands, fence, queries, pending: None });
+            self.slots.push(Slot { commands, fence, queries, pending: None, start: Instant::now() });
         }
         Ok(())
     }
@@ -524,12 +625,22 @@ impl Executor {
         let Slot { commands, fence, .. } = self.slots[slot];
         let buffers = [commands];
         let submits = [vk::SubmitInfo::default().command_buffers(&buffers)];
-        let queue = self.device.queue.lock().expect("no thread panics while it submits");
-        // SAFETY: the command buffer is complete, the fence is unsignalled, and the lock keeps
-        // other threads from the queue.
-        let result = unsafe { self.device.raw.queue_submit(*queue, &submits, fence) };
-        drop(queue);
-        self.lost(slot, result, "submitting commands")
+        let is_recording = self.slots[slot].pending.as_ref().is_some_and(|passes| !passes.is_empty());
+        let result = if self.device.is_lost(is_recording) {
+            Err(vk::Result::ERROR_DEVICE_LOST)
+        } else {
+            let queue = self.device.queue.lock().expect("no thread panics while it submits");
+            // SAFETY: the command buffer is complete, the fence is unsignalled, and the lock keeps
+            // other threads from the queue.
+            unsafe { self.device.raw.queue_submit(*queue, &submits, fence) }
+        };
+        self.slots[slot].start = Instant::now();
+        let result = self.lost(slot, result, "submitting commands");
+        if result.is_err() {
+            // Nothing is under way that would signal the fence.
+            self.slots[slot].pending = None;
+        }
+        result
     }
 
     /// Waits for a slot and gathers its times.
@@ -544,7 +655,13 @@ impl Executor {
         // SAFETY: the fence is signalled and nothing waits for it.
         unsafe { self.device.raw.reset_fences(&[fence]) }.during("resetting a fence")?;
         let kernels = self.slots[slot].pending.take().unwrap_or_default();
-        if self.device.description.timestamp_bits == 0 || kernels.is_empty() {
+        let host_seconds = self.slots[slot].start.max(self.last_end).elapsed().as_secs_f64();
+        self.last_end = Instant::now();
+        if kernels.is_empty() {
+            return Ok(());
+        }
+        if self.device.description.timestamp_bits == 0 {
+            self.submission_seconds.push(host_seconds);
             for kernel in kernels {
                 self.times.entry(kernel).or_default().launches += 1;
             }
@@ -557,11 +674,21 @@ impl Executor {
         let mask = u64::MAX >> (64 - self.device.description.timestamp_bits.clamp(1, 64));
         let seconds_per_tick = f64::from(self.device.description.timestamp_period) * 1e-9;
         let seconds = |from: u64, to: u64| (to.wrapping_sub(from) & mask) as f64 * seconds_per_tick;
-        self.seconds += seconds(ticks[0], ticks[ticks.len() - 1]);
+        let whole = seconds(ticks[0], ticks[ticks.len() - 1]);
+        self.seconds += whole;
+        // From the end of the opening barrier on: before it the submission may wait for the one before.
+        self.submission_seconds.push(seconds(ticks[FIRST_PASS - 1], ticks[ticks.len() - 1]));
+        let before = self.device.last_end.swap(ticks[ticks.len() - 1], Ordering::Relaxed);
+        // A recording may begin while the one before it ends.
+        let overlaps = ticks[0].wrapping_sub(before) & mask > mask / 2;
+        self.idle.note((before != 0).then(|| if overlaps { 0.0 } else { seconds(before, ticks[0]) }));
         for (kernel, pair) in kernels.into_iter().zip(ticks[FIRST_PASS - 1..].windows(2)) {
             let time = self.times.entry(kernel).or_default();
             time.seconds += seconds(pair[0], pair[1]);
             time.launches += 1;
+            if let Some(launches) = &mut self.launches {
+                launches.push(seconds(pair[0], pair[1]));
+            }
         }
         Ok(())
     }
@@ -572,8 +699,10 @@ impl Executor {
             vk::Result::ERROR_DEVICE_LOST => {
                 let passes = self.slots[slot].pending.iter().flatten();
                 let mut kernels: Vec<_> = passes.map(|(kernel, _)| *kernel).collect();
+                kernels.sort_unstable();
                 kernels.dedup();
-                GpuError::DeviceLost { pass: kernels.join(", ") }
+                let pass = if kernels.is_empty() { "a copy".to_owned() } else { kernels.join(", ") };
+                GpuError::DeviceLost { pass }
             }
             result => GpuError::Vulkan { action, result },
         })
@@ -630,6 +759,16 @@ impl Drop for Executor {
             }
             device.destroy_command_pool(self.command_pool, None);
             device.destroy_descriptor_pool(self.descriptor_pool, None);
+        }
+    }
+}
+
+impl Idle {
+    /// Notes the time before a recording; `None` before the device's first.
+    fn note(&mut self, seconds: Option<f64>) {
+        match self.between {
+            None => (self.before, self.between) = (seconds, Some(0.0)),
+            Some(between) => self.between = Some(between + seconds.unwrap_or(0.0)),
         }
     }
 }

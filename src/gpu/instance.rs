@@ -3,9 +3,10 @@
 use std::ffi::{CStr, c_void};
 use std::sync::{Arc, Mutex};
 
-use ash::{ext, khr, vk};
+use ash::{ext, khr, nv, vk};
 
 use super::error::{Action, GpuError};
+use super::executables::Multiprocessors;
 use super::pipeline_cache::Identity;
 use crate::shaders::{Promises, Reconvergence};
 
@@ -44,6 +45,8 @@ pub struct DeviceDescription {
     pub(super) raw: vk::PhysicalDevice,
     /// Name that the driver gives.
     pub name: String,
+    /// The same in all interfaces to the device.
+    pub uuid: [u8; vk::UUID_SIZE],
     /// What it is.
     pub kind: DeviceKind,
     /// Name and version of the driver.
@@ -73,6 +76,10 @@ pub struct DeviceDescription {
     pub timestamp_period: f32,
     /// Why it cannot be used, if it cannot.
     pub unusable: Option<String>,
+    /// What is known of its multiprocessors, which NVIDIA's drivers alone tell.
+    pub multiprocessors: Option<Multiprocessors>,
+    /// Whether the driver tells what it made of kernels.
+    pub(super) tells_executables: bool,
     pub(super) identity: Identity,
     pub(super) queue_family: u32,
     /// The heap of `memory_bytes`.
@@ -265,14 +272,39 @@ impl Instance {
             && control.subgroup_size_control != 0
     }
 
+    /// Whether the driver tells what it made of kernels.
+    fn tells_executables(&self, raw: vk::PhysicalDevice, has: impl Fn(&CStr) -> bool) -> bool {
+        if !has(khr::pipeline_executable_properties::NAME) {
+            return false;
+        }
+        let mut tells = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default();
+        let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut tells);
+        // SAFETY: `raw` comes from this instance and has the extension; the chain consists of locals.
+        unsafe { self.raw.get_physical_device_features2(raw, &mut features) };
+        tells.pipeline_executable_info != 0
+    }
+
+    fn multiprocessors(&self, raw: vk::PhysicalDevice, has: impl Fn(&CStr) -> bool) -> Option<Multiprocessors> {
+        if !has(nv::shader_sm_builtins::NAME) {
+            return None;
+        }
+        let mut builtins = vk::PhysicalDeviceShaderSMBuiltinsPropertiesNV::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut builtins);
+        // SAFETY: as above.
+        unsafe { self.raw.get_physical_device_properties2(raw, &mut properties) };
+        Some(Multiprocessors { count: builtins.shader_sm_count, warps: builtins.shader_warps_per_sm })
+    }
+
     fn describe(&self, raw: vk::PhysicalDevice) -> DeviceDescription {
         let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
         let mut driver = vk::PhysicalDeviceDriverProperties::default();
         let mut floats = vk::PhysicalDeviceFloatControlsProperties::default();
+        let mut id = vk::PhysicalDeviceIDProperties::default();
         let mut properties = vk::PhysicalDeviceProperties2::default()
             .push_next(&mut subgroup)
             .push_next(&mut driver)
-            .push_next(&mut floats);
+            .push_next(&mut floats)
+            .push_next(&mut id);
         // SAFETY: `raw` comes from this instance, and the chain consists of locals. Structs that a
         // Vulkan 1.0 device does not know are left as they are.
         let (memory, families) = unsafe {
@@ -305,6 +337,7 @@ impl Instance {
         DeviceDescription {
             raw,
             name: text(core.device_name_as_c_str()),
+            uuid: id.device_uuid,
             kind: match core.device_type {
                 vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::Discrete,
                 vk::PhysicalDeviceType::INTEGRATED_GPU => DeviceKind::Integrated,
@@ -349,6 +382,8 @@ impl Instance {
             has_memory_budget: has(ext::memory_budget::NAME),
             timestamp_period: core.limits.timestamp_period,
             unusable,
+            multiprocessors: self.multiprocessors(raw, has),
+            tells_executables: self.tells_executables(raw, has),
             identity: Identity {
                 vendor: core.vendor_id,
                 device: core.device_id,

@@ -7,6 +7,7 @@
 mod buffer;
 mod device;
 mod error;
+mod executables;
 mod executor;
 mod instance;
 mod memory;
@@ -15,5 +16,6 @@ mod pipeline_cache;
 
 pub use device::Device;
 pub use error::GpuError;
-pub use executor::{BufferRole, BufferUse, Executor, ExecutorDescription, KernelTime};
+pub use executables::{CompiledKernel, Executable, Figure, FigureValue, Multiprocessors};
+pub use executor::{BufferRole, BufferUse, Executor, ExecutorDescription, Idle, KernelTime};
 pub use instance::{DeviceDescription, DeviceKind, Instance};

@@ -22,6 +22,7 @@ pub(super) struct Pipelines {
     pub bindings: BTreeMap<(u32, u32), Binding>,
     /// The most that a kernel declares; 0 where none does.
     pub push_constant_size: u32,
+    flags: vk::PipelineCreateFlags,
     kernels: BTreeMap<&'static str, Built>,
     device: Arc<Shared>,
 }
@@ -41,11 +42,30 @@ impl Pipelines {
         kernels: Vec<(&'static str, Specialized)>,
         specialization: &[u32],
     ) -> Result<Self, GpuError> {
+        Self::with_flags(device, kernels, specialization, vk::PipelineCreateFlags::empty())
+    }
+
+    /// As [`Pipelines::new`], for pipelines that the driver is to be asked about.
+    pub fn to_be_described(
+        device: &Arc<Shared>,
+        kernels: Vec<(&'static str, Specialized)>,
+        specialization: &[u32],
+    ) -> Result<Self, GpuError> {
+        Self::with_flags(device, kernels, specialization, vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR)
+    }
+
+    fn with_flags(
+        device: &Arc<Shared>,
+        kernels: Vec<(&'static str, Specialized)>,
+        specialization: &[u32],
+        flags: vk::PipelineCreateFlags,
+    ) -> Result<Self, GpuError> {
         let mut pipelines = Self {
             layout: vk::PipelineLayout::null(),
             set_layouts: Vec::new(),
             bindings: BTreeMap::new(),
             push_constant_size: 0,
+            flags,
             kernels: BTreeMap::new(),
             device: Arc::clone(device),
         };
@@ -149,7 +169,7 @@ impl Pipelines {
         if description.subgroup_size_varies {
             stage = stage.push_next(&mut size);
         }
-        let infos = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout)];
+        let infos = [vk::ComputePipelineCreateInfo::default().flags(self.flags).stage(stage).layout(self.layout)];
         // SAFETY: module and layout are alive, and the layout holds every binding of the kernel.
         let built = unsafe { self.device.raw.create_compute_pipelines(self.device.pipeline_cache.raw, &infos, None) };
         // SAFETY: a pipeline does not need its module once it is built.

@@ -4,6 +4,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 
+use rayon::prelude::*;
+
 use super::{Fault, Metadata, RayDump, RayRecord, RayScene, RaysError, RecordLayout};
 use crate::whole_file;
 
@@ -22,7 +24,10 @@ impl RayDump {
         let metadata = serde_json::to_string(&self.metadata).expect("numbers and names become JSON");
         let fill = |file: &mut dyn Write| {
             writeln!(file, "{MAGIC}{VERSION}\n{metadata}")?;
-            self.rays.iter().try_for_each(|ray| file.write_all(&to_bytes(ray)))
+            self.rays.chunks(RECORDS_AT_ONCE).try_for_each(|rays| {
+                let bytes: Vec<_> = rays.iter().map(to_bytes).collect();
+                file.write_all(bytes.as_flattened())
+            })
         };
         whole_file::write(path, fill).map_err(|cause| RaysError::Write { path: path.into(), cause })
     }
@@ -90,21 +95,31 @@ fn parse(mut file: impl BufRead, scene: &RayScene) -> Result<RayDump, ParseError
         return fault(start, Fault::Count(metadata.rays));
     };
     // One byte more would tell a file that goes on. Memory grows with what is there, not with what is said to be.
-    let mut records = Vec::new();
-    file.take(expected + 1).read_to_end(&mut records)?;
-    let found = records.len() as u64;
+    let mut rays: Vec<RayRecord> = Vec::new();
+    let mut bytes = Vec::new();
+    let mut rest = file.take(expected + 1);
+    let mut found = 0;
+    loop {
+        bytes.clear();
+        let more = rest.by_ref().take((RECORDS_AT_ONCE * RECORD_BYTES) as u64).read_to_end(&mut bytes)?;
+        found += more as u64;
+        let (records, _) = bytes.as_chunks();
+        rays.extend(records.iter().map(from_bytes));
+        if more < RECORDS_AT_ONCE * RECORD_BYTES {
+            break;
+        }
+    }
     if found < expected {
         return fault(end + found, Fault::Cut { whole: found / size, rays: metadata.rays });
     }
     if found > expected {
         return fault(end + expected, Fault::TooLong { rays: metadata.rays });
     }
-    let (records, _) = records.as_chunks();
-    let rays: Vec<_> = records.iter().map(from_bytes).collect();
-    for (ray, number) in rays.iter().zip(0..) {
-        if let Some((byte, wrong)) = ray.fault_in(metadata.class, metadata.scene.triangles) {
-            return fault(end + number * size + byte, Fault::Ray { ray: number, fault: Box::new(wrong) });
-        }
+    let (class, triangles) = (metadata.class, metadata.scene.triangles);
+    if let Some(number) = rays.par_iter().position_first(|ray| ray.fault_in(class, triangles).is_some()) {
+        let (byte, wrong) = rays[number].fault_in(class, triangles).expect("it was just found");
+        let number = number as u64;
+        return fault(end + number * size + byte, Fault::Ray { ray: number, fault: Box::new(wrong) });
     }
     Ok(RayDump { metadata, rays })
 }
@@ -130,6 +145,8 @@ fn check(metadata: &Metadata, scene: &RayScene) -> Result<(), Fault> {
 }
 
 const RECORD_BYTES: usize = size_of::<RayRecord>();
+/// Records that go to and from a file at once.
+const RECORDS_AT_ONCE: usize = 1 << 15;
 
 fn to_bytes(ray: &RayRecord) -> [u8; RECORD_BYTES] {
     let words: [u32; RECORD_BYTES / 4] = bytemuck::cast(*ray);

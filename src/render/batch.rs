@@ -6,7 +6,7 @@ use crate::recording::Recording;
 /// Starts a path in every slot and queues it.
 pub fn begin(recording: &mut Recording, plan: &Plan, range: SampleRange) {
     let batch = range.at_bounce(0);
-    recording.dispatch("generate", plan.groups(range.pixel_count * range.sample_count), batch);
+    recording.dispatch("generate", plan.groups(range.paths()), batch);
     recording.dispatch("prepare_dispatch", 1, batch);
 }
 

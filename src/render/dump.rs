@@ -1,7 +1,9 @@
 //! A queue of rays, frozen: what a bounce would trace, read back in the scene's terms.
 
+use rayon::prelude::*;
+
 use super::batch;
-use super::plan::SampleRange;
+use super::plan::{SampleRange, Taken};
 use super::prepare::PreparedScene;
 use super::session::{RenderError, Session};
 use super::settings::{PathState, Scheduler, ShadowRays};
@@ -55,8 +57,9 @@ impl Session {
             return Err(RenderError::NoShadowQueue);
         }
         self.clear()?;
-        let tile = self.plan.tiles().next().expect("an image has a row");
-        let range = self.plan.batches(tile, 0..self.settings.samples).next().expect("a render has a sample");
+        let tile = self.plan.tiles(0).next().expect("an image has a row");
+        let range = self.plan.next_batch(tile, Taken::default(), self.settings.samples, u32::MAX, u32::MAX);
+        let range = range.expect("a render has a sample");
         let mut recording = Recording::default();
         batch::begin(&mut recording, &self.plan, range);
         let (mut count, mut last) = (0, None);
@@ -80,7 +83,7 @@ impl Session {
 
         let mut places = self.places(shadow, bounce, count)?;
         if order == RayOrder::Slot {
-            places.sort_unstable();
+            places = self.in_slot_order(&places);
         }
         let names = if shadow { ["shadow_origins", "shadow_directions"] } else { ["ray_origins", "ray_directions"] };
         let [origins, directions] = [self.texels(names[0])?, self.texels(names[1])?];
@@ -89,7 +92,7 @@ impl Session {
             NO_TRIANGLE => NO_TRIANGLE,
             place => scene.triangles[place as usize].original,
         };
-        let record = |(_, place): (u32, u32)| {
+        let record = |&(_, place): &(u32, u32)| {
             let ([x, y, z, leaves], [u, v, w, target]) = (origins[place as usize], directions[place as usize]);
             RayRecord {
                 origin: [x, y, z].map(f32::from_bits),
@@ -99,8 +102,10 @@ impl Session {
                 target: if shadow { original(target) } else { NO_TRIANGLE },
             }
         };
-        let mut rays: Vec<_> = places.into_iter().map(record).collect();
-        rays.retain(RayRecord::is_sound);
+        let mut rays: Vec<_> = places.par_iter().map(record).collect();
+        if !rays.par_iter().all(RayRecord::is_sound) {
+            rays.retain(RayRecord::is_sound);
+        }
         let left_out = u64::from(count) - rays.len() as u64;
         Ok(QueuedRays { rays, left_out, batch: range })
     }
@@ -116,8 +121,18 @@ impl Session {
         Ok(queue[half..half + count as usize].iter().map(|slot| (*slot, *slot)).collect())
     }
 
+    /// The rays by their path slots, of which each has one alone.
+    fn in_slot_order(&self, places: &[(u32, u32)]) -> Vec<(u32, u32)> {
+        let mut by_slot = vec![None; self.plan.path_capacity as usize];
+        places.iter().for_each(|&(slot, place)| by_slot[slot as usize] = Some((slot, place)));
+        by_slot.into_iter().flatten().collect()
+    }
+
     /// The words of a buffer of path state.
     fn texels(&mut self, name: &str) -> Result<Vec<[u32; 4]>, GpuError> {
-        Ok(bytemuck::pod_collect_to_vec(&self.executor.read(name)?))
+        let bytes = u64::from(self.plan.path_capacity) * size_of::<[u32; 4]>() as u64;
+        let mut words = Vec::with_capacity(self.plan.path_capacity as usize);
+        self.executor.visit(name, bytes, |_, part| words.extend_from_slice(bytemuck::cast_slice(part)))?;
+        Ok(words)
     }
 }

@@ -3,10 +3,12 @@
 
 use std::collections::HashSet;
 
+use super::defaults::Defaults;
 use super::plan::Plan;
 use super::prepare::{Needs, PreparedScene};
 use super::session::{kernels, path_records};
 use super::settings::{RouletteMode, Scheduler, Settings};
+use crate::bvh::BvhKind;
 use crate::constants::*;
 use crate::scene::{Integrator, Sampler};
 use crate::shaders::{self, Access, Arithmetic, Build, Edition, Promises};
@@ -14,7 +16,7 @@ use crate::shaders::{self, Access, Arithmetic, Build, Edition, Promises};
 /// Kernels and buffers of a render.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Footprint {
-    /// How the work is cut, where the settings leave it to the device as on one that is not software.
+    /// How the work is cut.
     pub scheduler: Scheduler,
     /// Instructions of SPIR-V that can run, by kernel.
     pub instructions: Vec<(&'static str, usize)>,
@@ -41,19 +43,21 @@ pub struct FeatureCost {
 }
 
 impl Footprint {
-    /// Of a render as its settings have it: specialized or for any scene. The scheduler that they leave to
-    /// the device is that of a device that is not software.
-    pub fn of(scene: &PreparedScene, settings: &Settings) -> Self {
-        Self::with(scene, settings, &scene.needs(settings))
+    /// Of a render as its settings have it, specialized or for any scene, on a device of such defaults.
+    pub fn of(scene: &PreparedScene, settings: &Settings, defaults: &Defaults) -> Self {
+        Self::with(scene, settings, &scene.needs(settings), defaults)
     }
 
-    fn with(scene: &PreparedScene, settings: &Settings, needs: &Needs) -> Self {
+    fn with(scene: &PreparedScene, settings: &Settings, needs: &Needs, defaults: &Defaults) -> Self {
         // Of the exact kernels, as most devices take them.
         let access = Access { texel_fetch: true, subgroup_ballot: true };
         let paths_per_invocation = settings.paths_per_invocation.unwrap_or(1);
-        let plan =
-            Plan { width: 1, height: 1, tile_rows: 1, path_capacity: 1, workgroup_size: 256, paths_per_invocation };
-        let constants = needs.specialization(settings, &plan, scene.bvh.kind);
+        let workgroup_size = Defaults::WORKGROUP;
+        let plan = Plan { width: 1, height: 1, tile_rows: 1, path_capacity: 1, workgroup_size, paths_per_invocation };
+        let mut constants = needs.specialization(settings, &plan, scene.bvh.kind);
+        if scene.bvh.kind == BvhKind::List {
+            constants[SPEC_LISTED_COUNT as usize] = scene.triangles.len() as u32;
+        }
         let build = Build {
             constants: &constants,
             arithmetic: Arithmetic::Native,
@@ -62,7 +66,7 @@ impl Footprint {
         };
         let mut bound = HashSet::new();
         let mut instructions = Vec::new();
-        let scheduler = settings.scheduler_for(false, 32, scene.levels());
+        let scheduler = defaults.scheduler(settings, scene.levels());
         for name in kernels(scheduler, settings, needs) {
             let kernel = shaders::kernel(name).variant(Edition::Plain, access).specialize(&build);
             bound.extend(kernel.bindings.iter().map(|binding| binding.name));
@@ -169,12 +173,12 @@ const FEATURES: [Feature; 19] = [
 ];
 
 /// Every feature, whether a render of the scene has it, and what it amounts to.
-pub fn feature_costs(scene: &PreparedScene, settings: &Settings) -> Vec<FeatureCost> {
+pub fn feature_costs(scene: &PreparedScene, settings: &Settings, defaults: &Defaults) -> Vec<FeatureCost> {
     let settings = Settings { specialize: true, ..*settings };
     let needs = scene.needs(&settings);
     let footprint = |subject: &Subject| {
         let needs = Needs::of(subject.needs.features, &subject.settings, subject.needs.stack_size);
-        Footprint::with(scene, &subject.settings, &needs)
+        Footprint::with(scene, &subject.settings, &needs, defaults)
     };
     let own = footprint(&Subject { settings, needs });
     let cost = |(feature, has, set): &Feature| {

@@ -1,5 +1,6 @@
 //! Sizes, capacities, workgroup counts and batches of a render: arithmetic without a device.
 
+use super::defaults::Defaults;
 use super::settings::{Scheduler, Settings};
 use crate::layout;
 
@@ -14,8 +15,6 @@ pub struct DeviceLimits {
     pub max_storage_buffer_bytes: u64,
     /// Most bytes of film that it is to hold at once; a larger one is rendered by tiles.
     pub max_film_bytes: u64,
-    /// Whether it is software: few threads, small caches.
-    pub software: bool,
 }
 
 /// What kernels take of a scene in loops: levels of its trees.
@@ -27,6 +26,17 @@ pub struct SceneLevels {
     pub bvh_tests: u32,
     /// Of the halves that a texel of the environment is found by; 0 without an image.
     pub sky: u32,
+}
+
+/// What a plan must know of a scene.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SceneDemands {
+    /// What kernels take of it in loops.
+    pub levels: SceneLevels,
+    /// Bytes of the stack of a traversal, beyond registers.
+    pub stack_bytes: u64,
+    /// Bytes of all records of a path in flight, its stack included.
+    pub state_bytes: u64,
 }
 
 /// Sizes of a render.
@@ -71,11 +81,67 @@ pub struct SampleRange {
     pub film_pixel: u32,
 }
 
+/// Samples that the pixels of a tile have.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Taken {
+    /// Samples of every pixel.
+    pub samples: u32,
+    /// Samples that the pass under way adds to each pixel; 0 between passes.
+    pub more: u32,
+    /// Pixels, from the tile's first on, that have these too.
+    pub pixels: u32,
+}
+
+impl Taken {
+    /// Adds a batch of a tile of so many pixels.
+    pub fn add(&mut self, batch: SampleRange, tile_pixels: u32) {
+        self.more = batch.sample_count;
+        self.pixels += batch.pixel_count;
+        if self.pixels == tile_pixels {
+            *self = Self { samples: self.samples + self.more, ..Self::default() };
+        }
+    }
+
+    /// Whether pixels of one row all have equal samples.
+    pub fn is_of_rows(&self, width: u32) -> bool {
+        self.pixels.is_multiple_of(width)
+    }
+
+    /// The rows of the tile that have samples, from the top, by their samples.
+    pub fn bands(&self, tile: Tile, width: u32) -> Vec<Band> {
+        let ahead = self.pixels / width;
+        let bands = [(ahead, self.samples + self.more), (tile.rows - ahead, self.samples)];
+        let bands = bands.map(|(rows, samples)| Band { rows, samples });
+        bands.into_iter().filter(|band| band.rows > 0 && band.samples > 0).collect()
+    }
+}
+
+/// Rows of the image, one under the other, whose pixels have equal samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Band {
+    /// Rows, at least 1.
+    pub rows: u32,
+    /// Samples of each pixel, at least 1.
+    pub samples: u32,
+}
+
 impl SampleRange {
+    /// This batch and the one that follows it, as one; `None` where they have not their samples in common.
+    pub fn with(self, next: Self) -> Option<Self> {
+        let follows = next.film_pixel == self.film_pixel + self.pixel_count
+            && (next.first_sample, next.sample_count) == (self.first_sample, self.sample_count);
+        follows.then_some(Self { pixel_count: self.pixel_count + next.pixel_count, ..self })
+    }
+
+    /// Paths of the batch.
+    pub fn paths(self) -> u32 {
+        self.pixel_count * self.sample_count
+    }
+
     /// The push constants of a pass whose paths have had `bounce` scattering events.
     pub fn at_bounce(self, bounce: u32) -> layout::Batch {
         let Self { first_pixel, pixel_count, first_sample, sample_count, film_pixel } = self;
-        layout::Batch { first_pixel, pixel_count, first_sample, sample_count, bounce, film_pixel }
+        layout::Batch { first_pixel, pixel_count, first_sample, sample_count, bounce, film_pixel, first_slot: 0 }
     }
 }
 
@@ -83,14 +149,6 @@ impl SampleRange {
 const STATE_BYTES: u64 = 16;
 
 impl Plan {
-    /// Paths in flight where the user does not say: enough to keep every core busy between two
-    /// dispatches, few enough for the caches of a software device.
-    const SOFTWARE_PATHS: u32 = 1 << 18;
-    /// Those of the megakernel, where a path in flight is its radiance alone, and the launch of so long a kernel costs
-    /// lavapipe some milliseconds: with a tree, and with a list, which is faster.
-    const SOFTWARE_FOLLOWED_PATHS: u32 = 1 << 20;
-    const SOFTWARE_LISTED_PATHS: u32 = 1 << 22;
-    const HARDWARE_PATHS: u32 = 1 << 21;
     /// Bytes of the film of a tile, where the image is more than one: enough pixels to keep any
     /// device busy, few enough for the host that reads them.
     const TILE_BYTES: u64 = 1 << 27;
@@ -104,43 +162,37 @@ impl Plan {
     /// Rays of a replay in one launch, at most: enough to keep any device busy, and 56 bytes each.
     const REPLAYED_RAYS: u32 = 1 << 22;
 
-    /// Invocations of the megakernel where the user does not say and the device is software, if so many
-    /// paths are in flight: 64 workgroups to share among the cores. The more paths an invocation follows, the
-    /// less it matters that the last ones of its subgroup end apart.
-    const SOFTWARE_INVOCATIONS: u32 = 1 << 14;
-    /// Turns of its loops that an invocation may take: lavapipe leaves them after 65 535.
-    const LOOP_TURNS: u32 = 65_535;
+    /// Invocations of the megakernel in a launch of fewer paths than are in flight: so many or a multiple of that, since
+    /// few workgroups must be shared evenly among cores.
+    const SHARED_INVOCATIONS: u32 = 1 << 10;
 
-    /// Computes the sizes for a scene of those levels, with so many bytes of a traversal stack beyond registers, and
-    /// settings that make sense.
+    /// Computes the sizes for a scene of such demands and settings that make sense.
     pub fn new(
         settings: &Settings,
         scheduler: Scheduler,
-        levels: SceneLevels,
-        stack_bytes: u64,
+        scene: &SceneDemands,
         device: &DeviceLimits,
+        defaults: &Defaults,
     ) -> Self {
+        let SceneDemands { levels, stack_bytes, state_bytes } = *scene;
         let Settings { width, height, .. } = *settings;
         let tile_rows = Self::tile_rows(width, height, device);
         let pixels = u64::from(width) * u64::from(tile_rows);
-        let workgroup_size = settings.workgroup_size.unwrap_or(256).min(device.max_workgroup_size);
-        let wanted = settings.in_flight.unwrap_or(match (device.software, scheduler, levels.bvh) {
-            (true, Scheduler::Megakernel, 0) => Self::SOFTWARE_LISTED_PATHS,
-            (true, Scheduler::Megakernel, _) => Self::SOFTWARE_FOLLOWED_PATHS,
-            (true, ..) => Self::SOFTWARE_PATHS,
-            (false, ..) => Self::HARDWARE_PATHS,
-        });
+        let workgroup_size = Self::workgroup_size(settings, device);
+        let wanted = settings.in_flight.unwrap_or_else(|| defaults.paths_in_flight(scheduler, levels, state_bytes));
         let useful = pixels * u64::from(settings.samples.min(Self::SAMPLES_AT_ONCE));
         let most = Self::most_invocations(device, workgroup_size, stack_bytes);
         let path_capacity = u64::from(wanted.max(1)).min(most).min(useful) as u32;
         let paths_per_invocation = match (scheduler, settings.paths_per_invocation) {
             (Scheduler::Megakernel, Some(paths)) => paths,
-            (Scheduler::Megakernel, None) if device.software => {
-                (path_capacity / Self::SOFTWARE_INVOCATIONS).clamp(1, Self::safe_paths_per_invocation(settings, levels))
-            }
+            (Scheduler::Megakernel, None) => defaults.paths_per_invocation(settings, levels, path_capacity),
             _ => 1,
         };
         Self { width, height, tile_rows, path_capacity, workgroup_size, paths_per_invocation }
+    }
+
+    fn workgroup_size(settings: &Settings, device: &DeviceLimits) -> u32 {
+        settings.workgroup_size.unwrap_or(Defaults::WORKGROUP).min(device.max_workgroup_size)
     }
 
     /// All rows where their film fits the device, else as many as a tile has.
@@ -152,21 +204,10 @@ impl Plan {
         (device.max_film_bytes.min(Self::TILE_BYTES) / row_bytes).clamp(1, u64::from(height)) as u32
     }
 
-    /// As many paths as stay within the turns of the loops: each vertex has two rays, and a ray was
-    /// seen to take three turns a level at most, where boxes overlap much some for each test that the SAH
-    /// expects; and a light sample, which takes one a level of the sky.
-    pub(super) fn safe_paths_per_invocation(settings: &Settings, levels: SceneLevels) -> u32 {
-        let vertices = settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1));
-        let ray = (4 * levels.bvh.max(1)).max(levels.bvh_tests.saturating_mul(3));
-        let vertex = ray.saturating_mul(2).saturating_add(levels.sky).saturating_add(settings.shading_cost);
-        let turns = vertices.saturating_mul(vertex);
-        (Self::LOOP_TURNS / turns).max(1)
-    }
-
     /// Computes the sizes of a replay of `rays` rays, each with `stack_bytes` of traversal stack beyond registers. What
     /// does not fit the device's buffers or one dispatch follows in further launches.
     pub fn of_replay(settings: &Settings, device: &DeviceLimits, rays: u64, stack_bytes: u64) -> Self {
-        let workgroup_size = settings.workgroup_size.unwrap_or(256).min(device.max_workgroup_size);
+        let workgroup_size = Self::workgroup_size(settings, device);
         let most = Self::most_invocations(device, workgroup_size, stack_bytes);
         let wanted = u64::from(settings.in_flight.unwrap_or(Self::REPLAYED_RAYS));
         let path_capacity = wanted.min(most).min(rays).max(1) as u32;
@@ -202,51 +243,94 @@ impl Plan {
         u64::from(self.width) * u64::from(self.tile_rows) * size_of::<layout::FilmPixel>() as u64
     }
 
-    /// The tiles of the image, from the top.
-    pub fn tiles(&self) -> impl Iterator<Item = Tile> + use<> {
+    /// The tiles of the image from that row on, which is the first of one.
+    pub fn tiles(&self, first_row: u32) -> impl Iterator<Item = Tile> + use<> {
         let Plan { height, tile_rows, .. } = *self;
-        (0..height)
+        (first_row..height)
             .step_by(tile_rows as usize)
             .map(move |first_row| Tile { first_row, rows: tile_rows.min(height - first_row) })
     }
 
-    /// The batches that take every pixel of a tile from `samples.start` to `samples.end`: the whole
-    /// tile where so many samples fit the path slots, else a part of the pixels at a time.
-    pub fn batches(&self, tile: Tile, samples: std::ops::Range<u32>) -> impl Iterator<Item = SampleRange> + use<> {
-        let Plan { width, path_capacity, .. } = *self;
-        let (tile_pixel, pixels) = (tile.first_row * width, tile.rows * width);
-        let end = samples.end;
-        let side_by_side = Self::SAMPLES_SIDE_BY_SIDE.min(end - samples.start).min(path_capacity);
-        let samples_at_once = (path_capacity / pixels).max(side_by_side);
-        let pixels_at_once = (path_capacity / samples_at_once).min(pixels);
-        samples.step_by(samples_at_once as usize).flat_map(move |first_sample| {
-            (0..pixels).step_by(pixels_at_once as usize).map(move |film_pixel| SampleRange {
-                first_pixel: tile_pixel + film_pixel,
-                pixel_count: pixels_at_once.min(pixels - film_pixel),
-                first_sample,
-                sample_count: samples_at_once.min(end - first_sample),
-                film_pixel,
-            })
+    /// The batch that follows in a tile that is to have `samples`: of about `paths` paths, at most
+    /// [`Self::path_capacity`]. A pass, of about `pass_paths`, takes equal samples of every pixel: in one batch where the
+    /// paths suffice, else of as many rows as they do for, or of a part of one.
+    pub fn next_batch(
+        &self,
+        tile: Tile,
+        taken: Taken,
+        samples: u32,
+        paths: u32,
+        pass_paths: u32,
+    ) -> Option<SampleRange> {
+        let (first_sample, pixels) = (taken.samples, tile.rows * self.width);
+        if first_sample == samples {
+            return None;
+        }
+        let paths = paths.clamp(1, self.path_capacity);
+        let sample_count = if taken.pixels > 0 {
+            taken.more
+        } else {
+            let most = (pass_paths.min(self.path_capacity) / pixels).min(Self::SAMPLES_AT_ONCE);
+            most.max(self.samples_side_by_side()).min(samples - first_sample)
+        };
+        let film_pixel = taken.pixels;
+        let mut end = (film_pixel + (paths / sample_count).max(1)).min(pixels);
+        // A batch of a row and more ends where a row does.
+        if end - end % self.width > film_pixel {
+            end -= end % self.width;
+        }
+        Some(SampleRange {
+            first_pixel: tile.first_row * self.width + film_pixel,
+            pixel_count: end - film_pixel,
+            first_sample,
+            sample_count,
+            film_pixel,
         })
+    }
+
+    /// Samples of a pixel in one batch, at least, if so many are to be taken.
+    pub fn samples_side_by_side(&self) -> u32 {
+        Self::SAMPLES_SIDE_BY_SIDE.min(self.path_capacity)
+    }
+
+    /// Invocations of the megakernel that follow so many paths: fewer paths each than the plan has it where the cores
+    /// could not share the invocations evenly.
+    pub fn invocations(&self, paths: u32) -> u32 {
+        let invocations = paths.div_ceil(self.paths_per_invocation).next_multiple_of(Self::SHARED_INVOCATIONS);
+        invocations.min(paths).min(self.stacks() as u32)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Numerics, Offsets, PathState, RouletteMode, ShadowRays, Sort};
+    use crate::render::{Fetch, Numerics, Offsets, PathState, RouletteMode, ShadowRays, Sort};
     use crate::scene::{Integrator, Sampler};
+    use crate::shaders::Forms;
     use proptest::prelude::*;
 
-    const LEVELS: SceneLevels = SceneLevels { bvh: 8, bvh_tests: 0, sky: 0 };
+    const SCENE: SceneDemands =
+        SceneDemands { levels: SceneLevels { bvh: 8, bvh_tests: 0, sky: 0 }, stack_bytes: 0, state_bytes: 0 };
 
     const DEVICE: DeviceLimits = DeviceLimits {
         max_workgroup_size: 1024,
         max_workgroups: 65_535,
         max_storage_buffer_bytes: 1 << 27,
         max_film_bytes: 1 << 27,
-        software: true,
     };
+
+    const SOFTWARE: Defaults = Defaults {
+        software: true,
+        lanes: 8,
+        fetch: Fetch::Texel,
+        forms: Forms::NATIVE,
+        loop_turns: Some(65_535),
+        memory_bytes: 1 << 31,
+    };
+
+    fn plan_of(settings: &Settings, scheduler: Scheduler, scene: &SceneDemands, device: &DeviceLimits) -> Plan {
+        Plan::new(settings, scheduler, scene, device, &SOFTWARE)
+    }
 
     fn settings(width: u32, height: u32, samples: u32, in_flight: Option<u32>) -> Settings {
         let integrator = Integrator::Explicit;
@@ -286,19 +370,31 @@ mod tests {
         #[test]
         fn batches_take_every_sample_once_and_in_order(
             width in 1..40_u32, height in 1..40_u32, samples in 1..20_u32, in_flight in 1..3000_u32, rows in 1..50_u32,
+            paces in prop::collection::vec(0..4000_u32, 1..9),
         ) {
             let device = DeviceLimits { max_film_bytes: u64::from(64 * width * rows), ..DEVICE };
-            let plan = Plan::new(&settings(width, height, samples, Some(in_flight)), Scheduler::Bounce, LEVELS, 0, &device);
+            let plan = plan_of(&settings(width, height, samples, Some(in_flight)), Scheduler::Bounce, &SCENE, &device);
             prop_assert!(plan.film_bytes() <= device.max_film_bytes);
             let mut next = vec![0; plan.pixels() as usize];
-            for tile in plan.tiles() {
-                for batch in plan.batches(tile, 0..samples) {
-                    prop_assert!(batch.pixel_count * batch.sample_count <= plan.path_capacity);
+            let mut paces = paces.into_iter().cycle();
+            for tile in plan.tiles(0) {
+                let mut taken = Taken::default();
+                while let Some(batch) = plan.next_batch(tile, taken, samples, paces.next().unwrap(), paces.next().unwrap()) {
+                    prop_assert!(batch.paths() <= plan.path_capacity && batch.pixel_count > 0 && batch.sample_count > 0);
+                    prop_assert!(batch.pixel_count < width || batch.pixel_count % width == 0 || batch.film_pixel % width > 0);
                     prop_assert_eq!(batch.first_pixel - batch.film_pixel, tile.first_row * width);
                     prop_assert!(batch.film_pixel + batch.pixel_count <= tile.rows * width);
                     for pixel in batch.first_pixel..batch.first_pixel + batch.pixel_count {
                         prop_assert_eq!(next[pixel as usize], batch.first_sample);
                         next[pixel as usize] += batch.sample_count;
+                    }
+                    taken.add(batch, tile.rows * width);
+                    if taken.is_of_rows(width) {
+                        let bands = taken.bands(tile, width);
+                        let told = bands.iter().flat_map(|band| vec![band.samples; (band.rows * width) as usize]);
+                        let first = (tile.first_row * width) as usize;
+                        let has = next[first..].iter().take((tile.rows * width) as usize).filter(|&&n| n > 0);
+                        prop_assert!(told.eq(has.copied()));
                     }
                 }
                 // A tile is finished before the next one begins.
@@ -310,14 +406,14 @@ mod tests {
 
     #[test]
     fn capacity_respects_the_device() {
-        let plan = Plan::new(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), Scheduler::Bounce, LEVELS, 0, &DEVICE);
+        let plan = plan_of(&settings(1024, 1024, 1 << 20, Some(u32::MAX)), Scheduler::Bounce, &SCENE, &DEVICE);
         assert_eq!(u64::from(plan.path_capacity), (1 << 27) / STATE_BYTES);
         // A launch of the megakernel may have a stack for each path.
         let endless = Settings { max_bounces: None, ..settings(1024, 1024, 16, None) };
-        let plan = Plan::new(&endless, Scheduler::Megakernel, LEVELS, 144, &DEVICE);
+        let plan = plan_of(&endless, Scheduler::Megakernel, &SceneDemands { stack_bytes: 144, ..SCENE }, &DEVICE);
         assert!(plan.paths_per_invocation == 1 && 144 * plan.stacks() <= 1 << 27);
         let narrow = DeviceLimits { max_workgroups: 100, ..DEVICE };
-        let plan = Plan::new(&settings(1024, 1024, 1, None), Scheduler::Bounce, LEVELS, 0, &narrow);
+        let plan = plan_of(&settings(1024, 1024, 1, None), Scheduler::Bounce, &SCENE, &narrow);
         assert_eq!(plan.path_capacity, 100 * 256);
     }
 
@@ -337,36 +433,49 @@ mod tests {
 
     #[test]
     fn few_pixels_do_not_make_long_loops() {
-        let plan = Plan::new(&settings(2, 1, 1 << 20, None), Scheduler::Bounce, LEVELS, 0, &DEVICE);
-        let tile = plan.tiles().next().unwrap();
-        assert!(plan.batches(tile, 0..1 << 20).all(|batch| batch.sample_count <= Plan::SAMPLES_AT_ONCE));
+        let plan = plan_of(&settings(2, 1, 1 << 20, None), Scheduler::Bounce, &SCENE, &DEVICE);
+        let tile = plan.tiles(0).next().unwrap();
+        let mut taken = Taken::default();
+        while let Some(batch) = plan.next_batch(tile, taken, 1 << 20, u32::MAX, u32::MAX) {
+            assert!(batch.sample_count <= Plan::SAMPLES_AT_ONCE);
+            taken.add(batch, 2);
+        }
+        assert_eq!(taken.samples, 1 << 20);
     }
 
     #[test]
-    fn invocations_follow_as_many_paths_as_their_loops_allow() {
-        let plan = |max_bounces, levels| {
-            let settings = Settings { max_bounces, ..settings(1024, 1024, 16, None) };
-            Plan::new(&settings, Scheduler::Megakernel, levels, 0, &DEVICE)
-        };
-        let deep = SceneLevels { bvh: 40, ..SceneLevels::default() };
-        let paths = |max_bounces| plan(max_bounces, deep).paths_per_invocation;
-        assert_eq!([Some(8), Some(50), None].map(paths), [22, 4, 1]);
-        assert_eq!(plan(Some(50), SceneLevels { sky: 10, ..deep }).paths_per_invocation, 3);
-        assert_eq!(plan(Some(8), SceneLevels { bvh_tests: 400, ..deep }).paths_per_invocation, 3);
-        let listed = plan(Some(8), SceneLevels::default());
-        assert_eq!((listed.path_capacity, listed.paths_per_invocation), (1 << 22, 256));
-        // A stack for each invocation, in whole workgroups.
-        let deep = plan(Some(8), deep);
-        assert_eq!((deep.path_capacity, deep.stacks()), (1 << 20, (1_u64 << 20).div_ceil(22).next_multiple_of(256)));
-        // A small image has an invocation for each path.
-        let small = Plan::new(&settings(64, 64, 1, None), Scheduler::Megakernel, SceneLevels::default(), 0, &DEVICE);
-        assert_eq!(small.paths_per_invocation, 1);
+    fn invocations_have_stacks_in_whole_workgroups() {
+        let settings = Settings { max_bounces: Some(8), ..settings(1024, 1024, 16, None) };
+        let deep = SceneDemands { levels: SceneLevels { bvh: 40, ..SceneLevels::default() }, ..SCENE };
+        let plan = plan_of(&settings, Scheduler::Megakernel, &deep, &DEVICE);
+        assert_eq!((plan.path_capacity, plan.paths_per_invocation), (1 << 20, 22));
+        assert_eq!(plan.stacks(), (1_u64 << 20).div_ceil(22).next_multiple_of(256));
+        let listed = SceneDemands::default();
+        let plan = plan_of(&settings, Scheduler::Megakernel, &listed, &DEVICE);
+        assert_eq!((plan.path_capacity, plan.paths_per_invocation), (1 << 22, 256));
+    }
+
+    #[test]
+    fn a_small_launch_has_invocations_to_share() {
+        let listed = Settings { max_bounces: Some(8), ..settings(1024, 1024, 16, None) };
+        let plan = plan_of(&listed, Scheduler::Megakernel, &SceneDemands::default(), &DEVICE);
+        assert_eq!(
+            [1 << 22, 1 << 16, 1 << 12, 100].map(|paths| plan.invocations(paths)),
+            [1 << 14, 1 << 10, 1 << 10, 100]
+        );
+        // Each has a stack, however few there are.
+        let few = Settings { paths_per_invocation: Some(64), ..settings(64, 64, 1, None) };
+        let plan = plan_of(&few, Scheduler::Megakernel, &SCENE, &DEVICE);
+        for paths in 1..=4096 {
+            let invocations = u64::from(plan.invocations(paths));
+            assert!(invocations <= plan.stacks() && invocations * 64 >= u64::from(paths));
+        }
     }
 
     #[test]
     fn only_a_film_over_the_limit_is_cut_into_tiles() {
         let tile_rows = |width, height, device| {
-            Plan::new(&settings(width, height, 1, None), Scheduler::Bounce, LEVELS, 0, device).tile_rows
+            plan_of(&settings(width, height, 1, None), Scheduler::Bounce, &SCENE, device).tile_rows
         };
         assert_eq!(tile_rows(2048, 1024, &DEVICE), 1024);
         assert_eq!(tile_rows(2048, 1025, &DEVICE), 1024);

@@ -6,6 +6,7 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
+use super::defaults::Defaults;
 use super::plan::{Plan, SceneLevels};
 use super::settings::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
 use crate::alias::{AliasCell, alias_table};
@@ -212,7 +213,7 @@ impl Normalisation {
 }
 
 impl PreparedScene {
-    /// [`PreparedScene::with_bvh`] of the kind that is fastest on most scenes on devices of eight lanes or more.
+    /// [`PreparedScene::with_bvh`] of eight children a node.
     ///
     /// # Errors
     /// When the scene is larger than an index can tell.
@@ -220,13 +221,12 @@ impl PreparedScene {
         Self::with_bvh(scene, BvhKind::Cwbvh)
     }
 
-    /// [`PreparedScene::with_bvh`] of the kind that the settings ask for or else suits a device of so many
-    /// lanes a subgroup, see [`Settings::bvh_for`].
+    /// [`PreparedScene::with_bvh`] of the kind that the settings ask for or else suits the device.
     ///
     /// # Errors
     /// When the scene is larger than an index can tell.
-    pub fn for_lanes(scene: &Scene, settings: &Settings, lanes: u32) -> Result<Self, PrepareError> {
-        Self::with_bvh(scene, settings.bvh_for(lanes, scene.mesh.triangles.len()))
+    pub fn for_device(scene: &Scene, settings: &Settings, defaults: &Defaults) -> Result<Self, PrepareError> {
+        Self::with_bvh(scene, defaults.bvh(settings, scene.mesh.triangles.len()))
     }
 
     /// Builds a BVH of that kind and lays the scene out.

@@ -13,6 +13,7 @@ use super::plan::{Plan, SampleRange};
 use super::prepare::PreparedScene;
 use super::session::{RenderError, SessionOptions, limits, open_executor};
 use super::settings::{Offsets, PathState, Settings};
+use super::warm_up::{WarmUp, Warmth};
 use crate::bvh::{Hit, Ray, trace_any, trace_closest};
 use crate::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND};
 use crate::gpu::{Device, DeviceKind, Executor, GpuError};
@@ -20,8 +21,20 @@ use crate::layout::{Control, WorkCount};
 use crate::rays::{RayClass, RayRecord};
 use crate::recording::Recording;
 
+/// Bytes of half a ray, and of an answer.
+const RECORD_BYTES: usize = 16;
 /// Most rays of a dump that are traced on the CPU too.
 const CHECKED_RAYS: usize = 1 << 16;
+
+/// Seconds of launches that go to the device at once, about: short enough for any driver's watchdog, and long enough that
+/// the host has the next ones ready.
+const SUBMISSION_SECONDS: f64 = 0.1;
+/// Launches of a submission, at most.
+const MOST_LAUNCHES: f64 = 256.0;
+/// Seconds of launches that [`Replay::round`] takes the mean of, on devices that are done in less.
+const ROUND_SECONDS: f64 = 0.005;
+/// Rays that a core packs at a time.
+const PACKED: usize = 1 << 12;
 
 /// Rays on a device, ready to be traced.
 pub struct Replay<'a> {
@@ -30,11 +43,17 @@ pub struct Replay<'a> {
     scene: &'a PreparedScene,
     class: RayClass,
     kernel: &'static str,
-    /// With triangles by their place in leaf order, as the kernels have them.
-    rays: Vec<RayRecord>,
+    rays: &'a [RayRecord],
+    /// The place in leaf order, which the kernels know, of every triangle.
+    places: Vec<u32>,
     repeat: u32,
-    /// Whether the device rounds as the CPU does.
-    exact: bool,
+    /// The part of a round that lies in the slots.
+    loaded: Option<Range<u64>>,
+    /// Seconds of a launch, about.
+    launch_seconds: f64,
+    /// Whether the device rounds as the CPU does, and is as fast after a rest as before.
+    software: bool,
+    warm: bool,
 }
 
 /// What a replay found and how long it took.
@@ -48,18 +67,30 @@ pub struct ReplayOutcome {
     pub hits: u64,
     /// Rays of the dump that were traced on the CPU too.
     pub checked: u64,
-    /// Answers that differ from the CPU's by rounding; none on a software device.
-    pub rounded: u64,
     /// Seconds of each round.
     pub seconds: Vec<f64>,
     /// Whether the device's clock told them; else the host's did, around each launch.
     pub device_clock: bool,
+    /// How the device was warmed up before.
+    pub warmth: Warmth,
+    /// Seconds that the device was idle between the timed launches, summed; `None` where it has no clock.
+    pub idle_seconds: Option<f64>,
     /// Launches of a round.
     pub launches: u64,
     /// Invocations of a workgroup.
     pub workgroup_size: u32,
     /// Whether scene buffers were read by texels.
     pub texel_fetch: bool,
+}
+
+/// Launches that followed each other.
+struct Launches {
+    /// Of each.
+    seconds: Vec<f64>,
+    /// Whether the device's clock told them.
+    device_clock: bool,
+    /// Between them, in all.
+    idle_seconds: Option<f64>,
 }
 
 impl<'a> Replay<'a> {
@@ -70,13 +101,13 @@ impl<'a> Replay<'a> {
     /// When the scene is over the device's limits, or the device fails.
     ///
     /// # Panics
-    /// When a ray names a triangle that the scene has not.
+    /// When a ray names a triangle that the scene has not, sooner or later.
     pub fn new(
         device: &Device,
         scene: &'a PreparedScene,
         settings: &Settings,
         class: RayClass,
-        rays: &[RayRecord],
+        rays: &'a [RayRecord],
         repeat: u32,
     ) -> Result<Self, RenderError> {
         Self::with_options(device, scene, settings, class, rays, repeat, SessionOptions::default())
@@ -91,13 +122,13 @@ impl<'a> Replay<'a> {
         scene: &'a PreparedScene,
         settings: &Settings,
         class: RayClass,
-        rays: &[RayRecord],
+        rays: &'a [RayRecord],
     ) -> Result<WorkCount, RenderError> {
         let options = SessionOptions { counting: true, ..SessionOptions::default() };
         let mut replay = Self::with_options(device, scene, settings, class, rays, 1, options)?;
         for part in replay.parts() {
             replay.load(&part)?;
-            replay.launch((part.end - part.start) as u32)?;
+            replay.launch(rays_of(&part), 1)?;
         }
         let counts: Vec<WorkCount> = bytemuck::pod_collect_to_vec(&replay.executor.read("work_counts")?);
         Ok(counts[if class == RayClass::Shadow { STAGE_CONNECT } else { STAGE_EXTEND } as usize])
@@ -108,7 +139,7 @@ impl<'a> Replay<'a> {
         scene: &'a PreparedScene,
         settings: &Settings,
         class: RayClass,
-        rays: &[RayRecord],
+        rays: &'a [RayRecord],
         repeat: u32,
         options: SessionOptions,
     ) -> Result<Self, RenderError> {
@@ -126,73 +157,97 @@ impl<'a> Replay<'a> {
         } else {
             executor.write("ray_queue", bytemuck::cast_slice(&slots.collect::<Vec<_>>()))?;
         }
-        let rays = in_leaf_order(scene, rays);
-        let exact = device.description().kind == DeviceKind::Cpu;
-        Ok(Self { executor, plan, scene, class, kernel: kernel_of(settings, class), rays, repeat, exact })
+        Ok(Self {
+            executor,
+            plan,
+            scene,
+            class,
+            kernel: kernel_of(settings, class),
+            rays,
+            places: places(scene),
+            repeat,
+            loaded: None,
+            launch_seconds: f64::INFINITY,
+            software: device.description().kind == DeviceKind::Cpu,
+            warm: false,
+        })
     }
 
-    /// Traces all rays, checks the answers against the CPU's, then traces and times them `rounds` times.
+    /// Traces all rays, checks the answers against the CPU's, then warms the device up, and traces and times them `rounds`
+    /// times, one launch after the other without the host in between.
     ///
-    /// Up to 2^16 rays are checked: all, or evenly spread ones. On a software device answers must be the CPU's to the
-    /// last bit. Vulkan lets others round a quotient in their own way, so there a hit may be as near but for rounding.
+    /// Up to 2^16 rays are checked: all, or evenly spread ones. Answers must be the CPU's to the last bit, on any device,
+    /// since kernels compute in raywave's own arithmetic.
     ///
     /// # Errors
     /// When an answer is wrong or changes between rounds, or the device fails.
     pub fn run(&mut self, rounds: usize) -> Result<ReplayOutcome, RenderError> {
+        self.run_watched(rounds, || ())
+    }
+
+    /// As [`Replay::run`]; `watch` is called right before and right after timed launches.
+    ///
+    /// # Errors
+    /// As [`Replay::run`].
+    pub fn run_watched(&mut self, rounds: usize, mut watch: impl FnMut()) -> Result<ReplayOutcome, RenderError> {
         let expected = self.expected();
-        let total = self.rays.len() as u64 * u64::from(self.repeat);
+        let rays = self.rays.len() as u64;
         let mut outcome = ReplayOutcome {
             kernel: self.kernel,
-            rays: total,
+            rays: rays * u64::from(self.repeat),
             hits: 0,
             checked: expected.len() as u64,
-            rounded: 0,
             seconds: vec![0.0; rounds],
             device_clock: true,
+            warmth: Warmth::default(),
+            idle_seconds: Some(0.0),
             launches: 0,
             workgroup_size: self.plan.workgroup_size,
             texel_fetch: self.executor.access().texel_fetch,
         };
+        let mut found = Vec::new();
         for part in self.parts() {
-            let first = part.start;
-            let count = (part.end - first) as u32;
             self.load(&part)?;
+            self.executor.clear(self.answer_buffer())?;
             // The first launch may compile, so it is not timed.
-            self.launch(count)?;
-            let answers = self.answers(count)?;
-            let judged = judge(&answers, &expected, first, self.rays.len() as u64, self.exact);
-            outcome.rounded += judged.map_err(|(ray, found, expected)| RenderError::WrongAnswer {
+            self.launch(rays_of(&part), 1)?;
+            self.read_answers(rays_of(&part), &mut found)?;
+            let (class, kernel) = (self.class, self.kernel);
+            let answer = |at: usize| Answer::of(class, &found[at]);
+            let judged = judge(found.len(), answer, &expected, part.start, rays);
+            judged.map_err(|(ray, found, expected)| RenderError::WrongAnswer {
                 ray,
-                kernel: outcome.kernel,
+                kernel,
                 found: self.describe(&found),
                 expected: self.describe(&expected),
             })?;
-            outcome.hits += answers.iter().filter(|answer| answer.is_hit()).count() as u64;
+            outcome.hits += found.par_iter().filter(|words| Answer::of(class, words).is_hit()).count() as u64;
             outcome.launches += 1;
-
-            self.executor.clear(self.answer_buffer())?;
-            for seconds in &mut outcome.seconds {
-                let (time, device_clock) = self.launch(count)?;
-                *seconds += time;
-                outcome.device_clock &= device_clock;
+            if rounds == 0 {
+                continue;
             }
-            if rounds > 0 {
-                let again = self.answers(count)?;
-                if let Some(at) = answers.iter().zip(&again).position(|(a, b)| !a.is_same(b)) {
-                    return Err(RenderError::Unstable {
-                        ray: (first + at as u64) % self.rays.len() as u64,
-                        kernel: outcome.kernel,
-                        first: self.describe(&answers[at]),
-                        again: self.describe(&again[at]),
-                    });
-                }
+            self.executor.clear(self.answer_buffer())?;
+            outcome.warmth.add(&self.warm_up(rays_of(&part))?);
+            watch();
+            let Launches { seconds, device_clock, idle_seconds } = self.timed(rays_of(&part), rounds)?;
+            watch();
+            outcome.seconds.iter_mut().zip(seconds).for_each(|(sum, seconds)| *sum += seconds);
+            outcome.device_clock &= device_clock;
+            outcome.idle_seconds = outcome.idle_seconds.zip(idle_seconds).map(|(sum, seconds)| sum + seconds);
+            if let Some((at, again)) = self.first_change(&found)? {
+                return Err(RenderError::Unstable {
+                    ray: (part.start + at as u64) % rays,
+                    kernel,
+                    first: self.describe(&answer(at)),
+                    again: self.describe(&again),
+                });
             }
         }
         Ok(outcome)
     }
 
-    /// Traces all rays once and tells how many seconds that took. The answers are not looked at: [`Replay::run`] checks
-    /// them.
+    /// Traces all rays and tells how many seconds that takes: of as many times as fill some milliseconds, the mean. The
+    /// answers are not looked at: [`Replay::run`] checks them.
     ///
     /// # Errors
     /// When the device fails.
@@ -200,9 +255,23 @@ impl<'a> Replay<'a> {
         let mut seconds = 0.0;
         for part in self.parts() {
             self.load(&part)?;
-            seconds += self.launch((part.end - part.start) as u32)?.0;
+            let times =
+                if self.software { 1.0 } else { (ROUND_SECONDS / self.launch_seconds).clamp(1.0, MOST_LAUNCHES) };
+            let launches = self.timed(rays_of(&part), times as usize)?.seconds;
+            seconds += launches.iter().sum::<f64>() / launches.len() as f64;
         }
         Ok(seconds)
+    }
+
+    /// Traces rays until the device is steady, as it must be before [`Replay::round`].
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn warm(&mut self) -> Result<Warmth, RenderError> {
+        let part = self.parts().next().expect("there is a ray");
+        self.load(&part)?;
+        self.warm = false;
+        Ok(self.warm_up(rays_of(&part))?)
     }
 
     /// Bytes of device memory.
@@ -221,47 +290,93 @@ impl<'a> Replay<'a> {
     fn expected(&self) -> Vec<(u64, Answer)> {
         let checked = self.rays.len().min(CHECKED_RAYS);
         let numbers = (0..checked).into_par_iter().map(|i| i * self.rays.len() / checked);
-        numbers.map(|number| (number as u64, on_cpu(self.scene, self.class, &self.rays[number]))).collect()
+        let find = |number| on_cpu(self.scene, self.class, &in_leaf_order(&self.places, &self.rays[number]));
+        numbers.map(|number| (number as u64, find(number))).collect()
     }
 
-    /// Puts a part of a round's rays into the slots.
+    /// Puts a part of a round's rays into the slots, unless it is there already.
     fn load(&mut self, part: &Range<u64>) -> Result<(), GpuError> {
-        let mut words = [Vec::new(), Vec::new()];
-        for number in part.clone() {
-            let ray = &self.rays[(number % self.rays.len() as u64) as usize];
-            let [origin, direction]: [[u32; 4]; 2] = bytemuck::cast(*ray);
-            words[0].push(origin);
-            words[1].push(direction);
+        if self.loaded.as_ref() != Some(part) {
+            self.loaded = None;
+            let shadow = self.class == RayClass::Shadow;
+            let names =
+                if shadow { ["shadow_origins", "shadow_directions"] } else { ["ray_origins", "ray_directions"] };
+            let (rays, places) = (self.rays, &self.places);
+            for (half, name) in names.into_iter().enumerate() {
+                self.executor.fill(name, u64::from(rays_of(part)) * RECORD_BYTES as u64, |offset, bytes| {
+                    let first = (part.start + offset / RECORD_BYTES as u64) as usize;
+                    let slots: &mut [[u32; 4]] = bytemuck::cast_slice_mut(bytes);
+                    slots.par_chunks_mut(PACKED).enumerate().for_each(|(i, slots)| {
+                        let mut at = (first + i * PACKED) % rays.len();
+                        for slot in slots {
+                            let halves: [[u32; 4]; 2] = bytemuck::cast(in_leaf_order(places, &rays[at]));
+                            *slot = halves[half];
+                            at = if at + 1 == rays.len() { 0 } else { at + 1 };
+                        }
+                    });
+                })?;
+            }
+            let count = rays_of(part);
+            let none: Control = bytemuck::Zeroable::zeroed();
+            let control = Control { current_rays: count, current_shadow_rays: count, ..none };
+            self.executor.write("control", bytemuck::bytes_of(&control))?;
+            self.loaded = Some(part.clone());
         }
-        let shadow = self.class == RayClass::Shadow;
-        let names = if shadow { ["shadow_origins", "shadow_directions"] } else { ["ray_origins", "ray_directions"] };
-        for (name, words) in names.into_iter().zip(&words) {
-            self.executor.write(name, bytemuck::cast_slice(words))?;
-        }
-        let count = (part.end - part.start) as u32;
-        let none: Control = bytemuck::Zeroable::zeroed();
-        let control = Control { current_rays: count, current_shadow_rays: count, ..none };
-        self.executor.write("control", bytemuck::bytes_of(&control))?;
-        self.executor.clear(self.answer_buffer())
+        Ok(())
     }
 
-    /// Traces the rays in the slots. Seconds, and whether the device's clock told them.
-    fn launch(&mut self, count: u32) -> Result<(f64, bool), GpuError> {
-        let kernel = self.kernel;
+    /// Works the device warm, unless it is: a software device stays so while others are put into its slots.
+    fn warm_up(&mut self, count: u32) -> Result<Warmth, GpuError> {
+        if self.warm && self.software {
+            return Ok(Warmth::default());
+        }
+        let warmth = WarmUp::of(self.software).run(|seconds| {
+            let times = (seconds / self.launch_seconds).clamp(1.0, MOST_LAUNCHES) as usize;
+            let launched = self.launch(count, times)?.seconds;
+            Ok::<_, GpuError>((launched.iter().sum(), launched.len() as f64))
+        })?;
+        self.warm = true;
+        Ok(warmth)
+    }
+
+    /// Times launches that follow each other. On devices that rest when they have nothing to do, one that is not timed goes
+    /// ahead of them.
+    fn timed(&mut self, count: u32, times: usize) -> Result<Launches, GpuError> {
+        let ahead = usize::from(!self.software);
+        let mut launches = self.launch(count, ahead + times)?;
+        launches.seconds.drain(..ahead);
+        Ok(launches)
+    }
+
+    /// Traces the rays in the slots so many times.
+    fn launch(&mut self, count: u32, times: usize) -> Result<Launches, GpuError> {
         // The kernels read the half of the queue that bounce 0 reads.
         let batch = SampleRange { first_pixel: 0, pixel_count: count, first_sample: 0, sample_count: 1, film_pixel: 0 };
-        let batch = batch.at_bounce(0);
-        let mut recording = Recording::default();
-        recording.dispatch(kernel, self.plan.groups(count), batch);
+        let at_once = (SUBMISSION_SECONDS / self.launch_seconds).clamp(1.0, MOST_LAUNCHES) as usize;
         self.executor.forget_times();
-        let start = Instant::now();
-        self.executor.submit(&recording)?;
+        self.executor.keep_launches();
+        let mut host_seconds = Vec::new();
+        for first in (0..times).step_by(at_once) {
+            let mut recording = Recording::default();
+            for _ in first..times.min(first + at_once) {
+                recording.dispatch(self.kernel, self.plan.groups(count), batch.at_bounce(0));
+            }
+            let start = Instant::now();
+            self.executor.submit(&recording)?;
+            if !self.executor.has_clock() {
+                self.executor.wait()?;
+                let launches = recording.passes.len();
+                host_seconds.extend(vec![start.elapsed().as_secs_f64() / launches as f64; launches]);
+            }
+        }
         self.executor.wait()?;
-        let host_seconds = start.elapsed().as_secs_f64();
-        let device_seconds = self.executor.kernel_times().get(&(kernel, 0)).map_or(0.0, |time| time.seconds);
-        // A device without timestamps leaves it at 0.
-        let told = device_seconds > 0.0;
-        Ok((if told { device_seconds } else { host_seconds }, told))
+        let device_clock = self.executor.has_clock();
+        let told = self.executor.take_launches();
+        let seconds = if device_clock { told } else { host_seconds };
+        // Without a device's clock, launches are waited for one by one, so that each has a time of its own.
+        let shortest = seconds.iter().copied().fold(f64::INFINITY, f64::min);
+        self.launch_seconds = if device_clock && shortest > 0.0 { shortest } else { f64::INFINITY };
+        Ok(Launches { seconds, device_clock, idle_seconds: self.executor.idle().between })
     }
 
     /// The buffer that the kernel writes.
@@ -269,19 +384,29 @@ impl<'a> Replay<'a> {
         if self.class == RayClass::Shadow { "radiances" } else { "hits" }
     }
 
-    /// What the kernel found of the rays in the slots, since the buffer was cleared.
-    fn answers(&mut self, count: u32) -> Result<Vec<Answer>, GpuError> {
-        let words: Vec<[u32; 4]> = bytemuck::pod_collect_to_vec(&self.executor.read(self.answer_buffer())?);
-        let answer = |[x, y, z, w]: &[u32; 4]| match self.class {
-            // A ray brings a radiance of 1 in every launch, unless it is blocked.
-            RayClass::Shadow => Answer::Blocked(f32::from_bits(*x) == 0.0),
-            RayClass::Camera | RayClass::Bounce if *x == NO_TRIANGLE => Answer::Nearest(None),
-            RayClass::Camera | RayClass::Bounce => {
-                let [u, v, distance] = [*y, *z, *w].map(f32::from_bits);
-                Answer::Nearest(Some(Hit { triangle: *x, barycentrics: [u, v], distance }))
+    /// Reads what the kernel wrote of the rays in the slots since the buffer was cleared.
+    fn read_answers(&mut self, count: u32, words: &mut Vec<[u32; 4]>) -> Result<(), GpuError> {
+        words.clear();
+        let bytes = u64::from(count) * RECORD_BYTES as u64;
+        self.executor.visit(self.answer_buffer(), bytes, |_, part| words.extend_from_slice(bytemuck::cast_slice(part)))
+    }
+
+    /// The first of the answers in the slots that is another than it was, and what it is now.
+    fn first_change(&mut self, before: &[[u32; 4]]) -> Result<Option<(usize, Answer)>, GpuError> {
+        let (class, bytes) = (self.class, size_of_val(before) as u64);
+        let mut change = None;
+        self.executor.visit(self.answer_buffer(), bytes, |offset, part| {
+            let now: &[[u32; 4]] = bytemuck::cast_slice(part);
+            let first = offset as usize / RECORD_BYTES;
+            let before = &before[first..][..now.len()];
+            // Nearly always the words are the same. A sum of radiance may differ though its ray is as free.
+            if change.is_none() && before != now {
+                let differs = |(a, b): (&[u32; 4], &[u32; 4])| !Answer::of(class, a).is_same(&Answer::of(class, b));
+                let at = before.iter().zip(now).position(differs);
+                change = at.map(|at| (first + at, Answer::of(class, &now[at])));
             }
-        };
-        Ok(words[..count as usize].iter().map(answer).collect())
+        })?;
+        Ok(change)
     }
 
     /// An answer for people, with the triangle in the scene's order.
@@ -309,17 +434,28 @@ pub fn distances(scene: &PreparedScene, class: RayClass, rays: &[RayRecord]) -> 
         Answer::Blocked(true) => 0.0,
         Answer::Nearest(None) | Answer::Blocked(false) => f32::INFINITY,
     };
-    in_leaf_order(scene, rays).par_iter().map(distance).collect()
+    let places = places(scene);
+    rays.par_iter().map(|ray| distance(&in_leaf_order(&places, ray))).collect()
 }
 
-/// Rays with triangles by their place in leaf order, as the kernels have them.
-fn in_leaf_order(scene: &PreparedScene, rays: &[RayRecord]) -> Vec<RayRecord> {
+/// How many rays a part has, which is no more than a device has slots.
+fn rays_of(part: &Range<u64>) -> u32 {
+    (part.end - part.start) as u32
+}
+
+/// The place in leaf order, which the kernels know, of every triangle of the scene.
+fn places(scene: &PreparedScene) -> Vec<u32> {
     let mut places = vec![0; scene.triangles.len()];
     for (triangle, place) in scene.triangles.iter().zip(0..) {
         places[triangle.original as usize] = place;
     }
+    places
+}
+
+/// A ray with triangles by their places in leaf order.
+fn in_leaf_order(places: &[u32], ray: &RayRecord) -> RayRecord {
     let place = |original: u32| if original == NO_TRIANGLE { NO_TRIANGLE } else { places[original as usize] };
-    rays.iter().map(|r| RayRecord { leaves: place(r.leaves), target: place(r.target), ..*r }).collect()
+    RayRecord { leaves: place(ray.leaves), target: place(ray.target), ..*ray }
 }
 
 /// What the CPU finds of a ray with triangles in leaf order.
@@ -357,6 +493,19 @@ enum Answer {
 }
 
 impl Answer {
+    /// What a kernel wrote of a ray.
+    fn of(class: RayClass, [x, y, z, w]: &[u32; 4]) -> Self {
+        match class {
+            // A ray brings a radiance of 1 in every launch, unless it is blocked.
+            RayClass::Shadow => Self::Blocked(f32::from_bits(*x) == 0.0),
+            RayClass::Camera | RayClass::Bounce if *x == NO_TRIANGLE => Self::Nearest(None),
+            RayClass::Camera | RayClass::Bounce => {
+                let [u, v, distance] = [*y, *z, *w].map(f32::from_bits);
+                Self::Nearest(Some(Hit { triangle: *x, barycentrics: [u, v], distance }))
+            }
+        }
+    }
+
     /// Whether the ray met something.
     fn is_hit(&self) -> bool {
         matches!(self, Self::Nearest(Some(_)) | Self::Blocked(true))
@@ -373,46 +522,31 @@ impl Answer {
             _ => false,
         }
     }
-
-    /// Whether rounding can make one of the other. Where neighbours meet it may pick either, so distances decide.
-    fn is_near(&self, other: &Self) -> bool {
-        const TOLERANCE: f32 = 1e-4;
-        match (self, other) {
-            (Self::Nearest(Some(a)), Self::Nearest(Some(b))) => {
-                (a.distance - b.distance).abs() <= TOLERANCE * a.distance.max(b.distance)
-            }
-            _ => self.is_same(other),
-        }
-    }
 }
 
-/// Holds answers, the first of which is that of number `first` of a round, against the expected ones of the `rays` rays
-/// that a round repeats. How many differ by rounding, or the first ray that is wrong, what was found, and what is right.
+/// Holds `count` answers, the first of which is that of number `first` of a round, against the expected ones of the `rays` rays
+/// that a round repeats. Else the first ray that is wrong, what was found, and what is right.
 fn judge(
-    answers: &[Answer],
+    count: usize,
+    answer: impl Fn(usize) -> Answer,
     expected: &[(u64, Answer)],
     first: u64,
     rays: u64,
-    exact: bool,
-) -> Result<u64, (u64, Answer, Answer)> {
-    let end = first + answers.len() as u64;
-    let mut rounded = 0;
+) -> Result<(), (u64, Answer, Answer)> {
+    let end = first + count as u64;
     for copy in first / rays..end.div_ceil(rays) {
         for (ray, right) in expected {
             let number = copy * rays + ray;
             if !(first..end).contains(&number) {
                 continue;
             }
-            let found = &answers[(number - first) as usize];
+            let found = answer((number - first) as usize);
             if !found.is_same(right) {
-                if exact || !found.is_near(right) {
-                    return Err((*ray, *found, *right));
-                }
-                rounded += 1;
+                return Err((*ray, found, *right));
             }
         }
     }
-    Ok(rounded)
+    Ok(())
 }
 
 #[cfg(test)]
@@ -424,9 +558,9 @@ mod tests {
     }
 
     /// The verdict on answers from number 3 on of a round that repeats five rays.
-    fn verdict(answers: &[Answer], exact: bool) -> Result<u64, u64> {
+    fn verdict(answers: &[Answer]) -> Result<(), u64> {
         let expected = [(0, hit(7, 1.0)), (2, Answer::Nearest(None)), (4, hit(8, 2.0))];
-        judge(answers, &expected, 3, 5, exact).map_err(|(ray, ..)| ray)
+        judge(answers.len(), |at| answers[at], &expected, 3, 5).map_err(|(ray, ..)| ray)
     }
 
     #[test]
@@ -434,33 +568,26 @@ mod tests {
         let none = Answer::Nearest(None);
         // Numbers 3 to 10 of the round; rays 1 and 3 are not checked.
         let right = [none, hit(8, 2.0), hit(7, 1.0), hit(9, 9.0), none, none, hit(8, 2.0), hit(7, 1.0)];
-        assert_eq!(verdict(&right, true), Ok(0));
+        assert_eq!(verdict(&right), Ok(()));
         for (at, ray) in [(1, 4), (2, 0), (4, 2), (6, 4), (7, 0)] {
             for wrong in [hit(6, 0.5), Answer::Blocked(true)] {
                 let mut answers = right;
                 answers[at] = wrong;
-                assert_eq!(verdict(&answers, true), Err(ray));
-                assert_eq!(verdict(&answers, false), Err(ray));
+                assert_eq!(verdict(&answers), Err(ray));
             }
-        }
-    }
-
-    #[test]
-    fn rounding_is_pardoned_where_a_device_may_round() {
-        let next = f32::from_bits(2.0_f32.to_bits() + 1);
-        for answer in [hit(8, next), hit(9, 2.0)] {
-            let answers = [Answer::Nearest(None), answer];
-            assert_eq!(verdict(&answers, true), Err(4));
-            assert_eq!(verdict(&answers, false), Ok(1));
         }
     }
 
     #[test]
     fn shadow_rays_are_blocked_or_not() {
         let (free, blocked) = (Answer::Blocked(false), Answer::Blocked(true));
-        assert!(judge(&[free, blocked], &[(0, free), (1, blocked)], 0, 2, true).is_ok());
-        for exact in [true, false] {
-            assert!(judge(&[free, free], &[(0, free), (1, blocked)], 0, 2, exact).is_err());
-        }
+        let verdict = |answers: [Answer; 2]| {
+            judge(2, |at| answers[at], &[(0, free), (1, blocked)], 0, 2).map_err(|(ray, ..)| ray)
+        };
+        assert_eq!(verdict([free, blocked]), Ok(()));
+        assert_eq!(verdict([free, free]), Err(1));
+        // The last bit counts.
+        let next = Answer::Nearest(Some(Hit { triangle: 8, barycentrics: [0.25, 0.5], distance: 2.0_f32.next_up() }));
+        assert!(judge(1, |_| next, &[(0, hit(8, 2.0))], 0, 1).is_err());
     }
 }

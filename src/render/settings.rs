@@ -6,8 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::plan::{Plan, SceneLevels};
-use crate::bvh::{BvhKind, MAX_LISTED};
+use crate::bvh::BvhKind;
 use crate::constants::MATERIAL_BINS;
 use crate::film::MAX_PIXELS;
 use crate::rays::RayClass;
@@ -287,16 +286,6 @@ pub enum Scheduler {
 }
 
 impl Settings {
-    /// Most bounces of paths of which an invocation of the megakernel may follow many, one after the other, in
-    /// a list of triangles, which takes no loops.
-    const COUNTABLE_BOUNCES: u32 = 255;
-
-    /// Paths of a render from which on the megakernel takes less time than bounce on lavapipe: an invocation
-    /// then follows 32 or more.
-    const MANY_PATHS: u64 = 1 << 19;
-    /// Paths that an invocation must be able to follow for it.
-    const MANY_FOLLOWED: u32 = 16;
-
     /// Vertices that a roulette by throughput leaves alone where the user does not say: most of the light
     /// comes by these.
     pub const ROULETTE_FROM: u32 = 3;
@@ -335,49 +324,6 @@ impl Settings {
         }
     }
 
-    /// How the work is cut on a device of so many lanes a subgroup, which is software or is not, of a
-    /// scene of those levels. On lavapipe, with eight lanes, the megakernel is the fastest where its
-    /// invocations may follow many paths one after the other: paths have a bound and there are many of them, or
-    /// all triangles are in a list, so that rays cost the same. Else bounce is, whose queues packets want too. On
-    /// SwiftShader, with four lanes, it is the wavefront, which alone can sort.
-    pub fn scheduler_for(&self, software: bool, lanes: u32, levels: SceneLevels) -> Scheduler {
-        let megakernel = if levels.bvh == 0 {
-            self.max_bounces.is_some_and(|bounces| bounces <= Self::COUNTABLE_BOUNCES)
-        } else {
-            let follows = Plan::safe_paths_per_invocation(self, levels) >= Self::MANY_FOLLOWED;
-            follows && self.has_many_paths() && !self.asks_for_queues()
-        };
-        let preferred = if !software || lanes < 8 || self.sort == Sort::Material {
-            Scheduler::Wavefront
-        } else if megakernel {
-            Scheduler::Megakernel
-        } else {
-            Scheduler::Bounce
-        };
-        self.scheduler.unwrap_or(preferred)
-    }
-
-    fn has_many_paths(&self) -> bool {
-        u64::from(self.width) * u64::from(self.height) * u64::from(self.samples) >= Self::MANY_PATHS
-    }
-
-    /// Whether something is said of rays that the megakernel has none of.
-    fn asks_for_queues(&self) -> bool {
-        self.packets.is_some() || self.shadow_rays == ShadowRays::AtOnce
-    }
-
-    /// The shape of the BVH of so many triangles on a device of so many lanes a subgroup. On lavapipe's
-    /// eight lanes the eight-wide one is the faster and a list faster still as long as it is short; on
-    /// SwiftShader's four it is the two-wide one.
-    pub fn bvh_for(&self, lanes: u32, triangles: usize) -> BvhKind {
-        let default = match (lanes, triangles) {
-            (..8, _) => BvhKind::Bvh2,
-            (8.., ..=MAX_LISTED) => BvhKind::List,
-            (8.., _) => BvhKind::Cwbvh,
-        };
-        self.bvh.unwrap_or(default)
-    }
-
     /// The settings that make the image another one in expectation, by name; none where it is right.
     pub fn biased_by(&self) -> Vec<&'static str> {
         let clamp = self.clamp.map(|_| "clamp");
@@ -410,41 +356,5 @@ impl Settings {
             return Err(SettingsError::Endless);
         }
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_scheduler_follows_device_scene_and_sort() {
-        let given = Settings { width: 64, height: 64, samples: 4, ..Settings::of(&Scene::cornell_box()) };
-        let tree = SceneLevels { bvh: 12, ..SceneLevels::default() };
-        let by = |settings: Settings, software, lanes| settings.scheduler_for(software, lanes, tree);
-        assert_eq!(by(given, true, 8), Scheduler::Bounce);
-        assert_eq!(by(given, true, 4), Scheduler::Wavefront);
-        assert_eq!(by(given, false, 32), Scheduler::Wavefront);
-        let sorted = Settings { sort: Sort::Material, ..given };
-        assert_eq!(by(sorted, true, 8), Scheduler::Wavefront);
-        let chosen = Settings { scheduler: Some(Scheduler::Megakernel), ..sorted };
-        assert_eq!(by(chosen, true, 8), Scheduler::Megakernel);
-
-        let many = Settings { width: 1 << 10, height: 1 << 9, samples: 1, ..given };
-        assert_eq!(by(many, true, 8), Scheduler::Megakernel);
-        assert_eq!(by(many, true, 4), Scheduler::Wavefront);
-        assert_eq!(by(Settings { width: (1 << 10) - 1, ..many }, true, 8), Scheduler::Bounce);
-        assert_eq!(by(Settings { max_bounces: None, roulette: 0.2, ..many }, true, 8), Scheduler::Bounce);
-        assert_eq!(by(Settings { max_bounces: Some(60), ..many }, true, 8), Scheduler::Bounce);
-        assert_eq!(by(Settings { packets: Some(Packets::default()), ..many }, true, 8), Scheduler::Bounce);
-        assert_eq!(by(Settings { shadow_rays: ShadowRays::AtOnce, ..many }, true, 8), Scheduler::Bounce);
-
-        let listed = |max_bounces, lanes| {
-            Settings { max_bounces, roulette: 0.2, ..given }.scheduler_for(true, lanes, SceneLevels::default())
-        };
-        assert_eq!(listed(Some(8), 8), Scheduler::Megakernel);
-        assert_eq!(listed(Some(256), 8), Scheduler::Bounce);
-        assert_eq!(listed(None, 8), Scheduler::Bounce);
-        assert_eq!(listed(Some(8), 4), Scheduler::Wavefront);
     }
 }

@@ -28,7 +28,7 @@ pub struct Build<'a> {
 }
 
 /// A kernel as it was built.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Specialized {
     /// SPIR-V words, with the constants still to be set.
     pub words: Vec<u32>,

@@ -10,7 +10,7 @@ use crate::film::FilmMoments;
 use crate::gpu::Device;
 use crate::oracle::Reference;
 use crate::rays::{RayClass, RayRecord};
-use crate::render::{PreparedScene, RenderError, Replay, Session, Settings};
+use crate::render::{Defaults, PreparedScene, RenderError, Replay, Session, Settings};
 use crate::scene::{Integrator, Scene};
 use crate::stats::{mean, standard_error};
 use crate::studies::Trial;
@@ -83,7 +83,7 @@ impl Lab<'_> {
 
     /// Renders.
     pub fn film(&self, scene: &Scene, settings: &Settings) -> Result<(FilmMoments, u64), RenderError> {
-        let prepared = PreparedScene::for_lanes(scene, settings, self.device.description().subgroup_size)?;
+        let prepared = PreparedScene::for_device(scene, settings, &Defaults::of(self.device)?)?;
         let outcome = Session::new(self.device, &prepared, settings)?.render(|_| ControlFlow::Continue(()))?;
         Ok((outcome.film, outcome.statistics.nonfinite_samples.into()))
     }

@@ -10,7 +10,7 @@ mod light;
 mod matter;
 mod place;
 mod shapes;
-mod stage;
+pub(crate) mod stage;
 
 use std::time::Instant;
 

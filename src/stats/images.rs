@@ -1,6 +1,7 @@
 //! How far an image is from a reference.
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Moments, ZTest, z_test};
@@ -10,6 +11,9 @@ use crate::film::Image;
 /// Knaus and Zwicker, "Adaptive sampling and reconstruction using greedy error minimization",
 /// ACM TOG 30 (2011).
 pub const DARK: f64 = 0.01;
+
+/// Pixels that a core compares at a time.
+const PART: usize = 1 << 14;
 
 /// Two images that cannot be compared pixel by pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -94,20 +98,21 @@ pub fn compare_images(a: &Image, b: &Image) -> Result<ImageComparison, SizesDiff
     if size_a != size_b {
         return Err(SizesDiffer { a: size_a, b: size_b });
     }
-    let pairs = || a.pixels.iter().zip(&b.pixels);
-    let identical = pairs().filter(|(a, b)| bits(**a) == bits(**b)).count();
-    let finite = || pairs().filter(|(a, b)| a.is_finite() && b.is_finite()).map(|(a, b)| (a.as_dvec3(), b.as_dvec3()));
-    let channel = |i: usize| Differences::of(finite().map(|(a, b)| ([a[i]], [b[i]])));
+    // Parts of a fixed size, put together in their order: the same numbers on any number of cores.
+    let parts = a.pixels.par_chunks(PART).zip(b.pixels.par_chunks(PART)).map(|(a, b)| Part::of(a, b));
+    let parts: Vec<Part> = parts.collect();
+    let all = parts.iter().fold(Part::default(), Part::with);
+    let pixels = a.pixels.len() as u64;
     Ok(ImageComparison {
         width: a.width,
         height: a.height,
-        compared_pixels: finite().count() as u64,
-        identical_pixels: identical as u64,
-        share_of_differing_pixels: (a.pixels.len() - identical) as f64 / a.pixels.len() as f64,
-        non_finite_a: NonFinite::of(a),
-        non_finite_b: NonFinite::of(b),
-        whole: Differences::of(finite().map(|(a, b)| (a.to_array(), b.to_array()))),
-        channels: [channel(0), channel(1), channel(2)],
+        compared_pixels: all.difference.count(),
+        identical_pixels: all.identical,
+        share_of_differing_pixels: (pixels - all.identical) as f64 / pixels as f64,
+        non_finite_a: all.non_finite[0],
+        non_finite_b: all.non_finite[1],
+        whole: all.whole().differences(),
+        channels: all.channels.map(|channel| channel.differences()),
     })
 }
 
@@ -123,42 +128,149 @@ fn bits(pixel: Vec3) -> [u32; 3] {
 }
 
 impl NonFinite {
-    fn of(image: &Image) -> Self {
-        let count = |is: fn(f32) -> bool| {
-            let spoilt = |pixel: &&Vec3| pixel.to_array().into_iter().any(is);
-            image.pixels.iter().filter(spoilt).count() as u64
-        };
-        Self { nan_count: count(f32::is_nan), inf_count: count(f32::is_infinite) }
+    fn note(&mut self, pixel: Vec3) {
+        let has = |is: fn(f32) -> bool| u64::from(pixel.to_array().into_iter().any(is));
+        self.nan_count += has(f32::is_nan);
+        self.inf_count += has(f32::is_infinite);
     }
 }
 
-impl Differences {
-    /// The differences of pixels of `N` channels each.
-    fn of<const N: usize>(pixels: impl Iterator<Item = ([f64; N], [f64; N])>) -> Self {
-        let mean_of = |values: [f64; N]| values.iter().sum::<f64>() / N as f64;
-        let [mut squared, mut relative, mut mean_a, mut mean_b, mut difference] = [Moments::default(); 5];
-        let mut largest = f64::NAN;
-        for (a, b) in pixels {
-            let apart: [f64; N] = std::array::from_fn(|i| a[i] - b[i]);
-            squared.push(mean_of(apart.map(|d| d * d)));
-            relative.push(mean_of(std::array::from_fn(|i| apart[i] * apart[i] / (b[i] * b[i] + DARK))));
-            mean_a.push(mean_of(a));
-            mean_b.push(mean_of(b));
-            difference.push(mean_of(apart));
-            // `max` takes the number over the NaN it starts with.
-            largest = apart.iter().fold(largest, |largest, d| largest.max(d.abs()));
+/// What is found of a part of two images.
+#[derive(Debug, Clone, Copy, Default)]
+struct Part {
+    identical: u64,
+    non_finite: [NonFinite; 2],
+    channels: [Channel; 3],
+    /// Differences of the pixels' means over their channels.
+    difference: Moments,
+}
+
+impl Part {
+    fn of(a: &[Vec3], b: &[Vec3]) -> Self {
+        let mut part = Self::default();
+        let mut differences = [ShiftedSums::default(); 4];
+        for (a, b) in a.iter().zip(b) {
+            part.identical += u64::from(bits(*a) == bits(*b));
+            if !(a.is_finite() && b.is_finite()) {
+                part.non_finite[0].note(*a);
+                part.non_finite[1].note(*b);
+                continue;
+            }
+            let (a, b) = (a.as_dvec3(), b.as_dvec3());
+            let apart = a - b;
+            let squared = apart * apart;
+            let relative = squared / (b * b + DVec3::splat(DARK));
+            for (i, channel) in part.channels.iter_mut().enumerate() {
+                channel.squared += squared[i];
+                channel.relative += relative[i];
+                channel.a += a[i];
+                channel.b += b[i];
+                channel.largest = channel.largest.max(apart[i].abs());
+                differences[i].add(apart[i]);
+            }
+            differences[3].add(apart.element_sum() / 3.0);
         }
-        let ZTest { z, p } = z_test(difference.mean(), difference.standard_error());
+        for (channel, differences) in part.channels.iter_mut().zip(&differences) {
+            channel.difference = differences.moments();
+        }
+        part.difference = differences[3].moments();
+        part
+    }
+
+    fn with(self, other: &Self) -> Self {
+        let both = |i: usize| {
+            let (a, b) = (self.non_finite[i], other.non_finite[i]);
+            NonFinite { nan_count: a.nan_count + b.nan_count, inf_count: a.inf_count + b.inf_count }
+        };
+        let mut difference = self.difference;
+        difference.merge(&other.difference);
         Self {
-            mse: squared.mean(),
-            rel_mse: relative.mean(),
-            mean_a: mean_a.mean(),
-            mean_b: mean_b.mean(),
-            mean_difference: difference.mean(),
-            standard_error: difference.standard_error(),
+            identical: self.identical + other.identical,
+            non_finite: [both(0), both(1)],
+            channels: std::array::from_fn(|i| self.channels[i].with(&other.channels[i])),
+            difference,
+        }
+    }
+
+    /// All channels as one: their means, and the largest of their differences.
+    fn whole(&self) -> Channel {
+        let mean = |of: fn(&Channel) -> f64| self.channels.iter().map(of).sum::<f64>() / 3.0;
+        Channel {
+            squared: mean(|channel| channel.squared),
+            relative: mean(|channel| channel.relative),
+            a: mean(|channel| channel.a),
+            b: mean(|channel| channel.b),
+            difference: self.difference,
+            largest: self.channels.iter().map(|channel| channel.largest).fold(0.0, f64::max),
+        }
+    }
+}
+
+/// Numbers summed with their squares, less the first of them, so that equal ones have no variance.
+#[derive(Debug, Clone, Copy, Default)]
+struct ShiftedSums {
+    count: u64,
+    first: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl ShiftedSums {
+    fn add(&mut self, value: f64) {
+        if self.count == 0 {
+            self.first = value;
+        }
+        let value = value - self.first;
+        self.count += 1;
+        self.sum += value;
+        self.squares += value * value;
+    }
+
+    fn moments(&self) -> Moments {
+        Moments::of_sums(self.count, self.first, self.sum, self.squares)
+    }
+}
+
+/// Sums over the pixels of a channel.
+#[derive(Debug, Clone, Copy, Default)]
+struct Channel {
+    squared: f64,
+    relative: f64,
+    a: f64,
+    b: f64,
+    difference: Moments,
+    /// 0 where all are.
+    largest: f64,
+}
+
+impl Channel {
+    fn with(self, other: &Self) -> Self {
+        let mut difference = self.difference;
+        difference.merge(&other.difference);
+        Self {
+            squared: self.squared + other.squared,
+            relative: self.relative + other.relative,
+            a: self.a + other.a,
+            b: self.b + other.b,
+            difference,
+            largest: self.largest.max(other.largest),
+        }
+    }
+
+    fn differences(&self) -> Differences {
+        let count = self.difference.count() as f64;
+        let (mean, standard_error) = (self.difference.mean(), self.difference.standard_error());
+        let ZTest { z, p } = z_test(mean, standard_error);
+        Differences {
+            mse: self.squared / count,
+            rel_mse: self.relative / count,
+            mean_a: self.a / count,
+            mean_b: self.b / count,
+            mean_difference: mean,
+            standard_error,
             z,
             p,
-            max_abs_difference: largest,
+            max_abs_difference: if count > 0.0 { self.largest } else { f64::NAN },
         }
     }
 }

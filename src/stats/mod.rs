@@ -8,7 +8,7 @@ mod hypothesis;
 mod images;
 mod summary;
 
-pub use bootstrap::{Bootstrap, Estimate, SplitMix64};
+pub use bootstrap::{Bootstrap, Estimate, Interval, SplitMix64, TOO_FEW_ROUNDS};
 pub use hypothesis::{ChiSquare, ZTest, chi_square, normal_cdf, normal_quantile, sidak_adjusted, sidak_level, z_test};
 pub use images::{DARK, Differences, ImageComparison, NonFinite, SizesDiffer, compare_images, relative_squared_error};
 pub use summary::{Moments, mean, median, quantile, standard_error, variance};

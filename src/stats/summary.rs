@@ -20,6 +20,16 @@ impl Moments {
         self.squares += before * (value - self.mean);
     }
 
+    /// Of `count` numbers, of whose differences from `shift` the sum and the sum of squares are known.
+    pub(super) fn of_sums(count: u64, shift: f64, sum: f64, squares: f64) -> Self {
+        if count == 0 {
+            return Self::default();
+        }
+        let mean = sum / count as f64;
+        // Rounding may leave a hair below zero.
+        Self { count, mean: shift + mean, squares: (squares - sum * mean).max(0.0) }
+    }
+
     /// Takes everything that `other` has seen.
     pub fn merge(&mut self, other: &Self) {
         if other.count == 0 {

@@ -3,25 +3,30 @@
 use std::fmt;
 use std::sync::Arc;
 
+use serde::ser::SerializeStruct;
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
 
 use super::crossover::{Crossover, crossovers};
-use super::measurement::{Measurement, SceneFacts, WorkCounters};
+use super::measurement::{Measurement, SceneFacts, WarmUpRow, WorkCounters};
 use super::noise::{outliers, rank_correlation, trend};
 use super::validity::Verdict;
 use super::{Configuration, Rounds, Study};
+use crate::clocks::ClockState;
 use crate::film::Image;
-use crate::stats::{Bootstrap, Estimate};
+use crate::stats::{Bootstrap, Estimate, TOO_FEW_ROUNDS, median};
 
-/// Fewest runs whose range holds the median with 95 %: 1 - 2^(1 - n) is 0.94 of five, 0.97 of six.
-const ENOUGH_ROUNDS: usize = 6;
 /// p-value of a trend below which the timings drift.
 const DRIFT_P: f64 = 0.01;
 /// Width of an interval that [`CombinationReport::rounds_needed`] aims at, where the user names none.
 const TARGET_WIDTH: f64 = 0.03;
 /// Most that the kernels' times may miss of the whole before a warning.
 const KERNEL_SUM_TOLERANCE: f64 = 0.05;
+
+/// Most that the device's clock may be off its median in a round, as a share of it.
+const CLOCK_TOLERANCE: f64 = 0.02;
+/// Reasons for a low clock that are no fault: it has nothing to do, or the user has set it.
+const IDLE: [&str; 2] = ["gpu_idle", "applications_clocks_setting"];
 
 /// Rank correlation of two combinations' times over the rounds above which rounds are paired. Where
 /// it is surely above 0 pairing makes the interval narrower; of a dozen rounds 0.5 is 1 in 20 by
@@ -124,15 +129,37 @@ pub struct Run {
 }
 
 /// How many times the baseline's time a combination takes.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ratio {
     /// The ratio; below 1 is faster than the baseline.
-    #[serde(flatten)]
     pub estimate: Estimate,
     /// Where it comes from.
     pub method: RatioMethod,
-    /// Whether the interval contains 1.
-    pub within_noise: bool,
+}
+
+/// What a ratio says of a combination.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RatioVerdict {
+    /// The interval is below 1.
+    Faster,
+    /// The interval is above 1.
+    Slower,
+    /// The interval contains 1.
+    WithinNoise,
+    /// There is no interval.
+    TooFewRounds,
+}
+
+impl RatioVerdict {
+    /// Words for tables and files.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Faster => "faster",
+            Self::Slower => "slower",
+            Self::WithinNoise => "within noise",
+            Self::TooFewRounds => TOO_FEW_ROUNDS,
+        }
+    }
 }
 
 /// Two ways to a ratio. Which one is narrower follows from the rank correlation of the two times
@@ -153,12 +180,15 @@ pub enum RatioMethod {
 #[serde(tag = "kind", rename_all = "snake_case")]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum Warning {
-    FewRounds { rounds: usize },
+    FewRounds { rounds: usize, enough: usize },
     SlowFirstRound { times_the_median: f64 },
     Outliers { rounds: Vec<usize> },
     Drift(Drift),
     KernelSum { share_of_gpu_time: f64 },
     NonfiniteSamples { samples: u64 },
+    Unsteady { rounds: Vec<usize> },
+    OtherClock { rounds: Vec<usize>, median_megahertz: f64 },
+    Throttled { rounds: Vec<usize>, reasons: Vec<String> },
 }
 
 /// A trend of a combination's timings.
@@ -173,15 +203,14 @@ pub struct Drift {
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::FewRounds { rounds } => {
-                write!(f, "{rounds} rounds are too few for an interval of 95 %; run at least {ENOUGH_ROUNDS}")
+            Self::FewRounds { rounds, enough } => {
+                write!(f, "{TOO_FEW_ROUNDS} for an interval: {rounds}, where {enough} can hold its confidence")
             }
             Self::SlowFirstRound { times_the_median } => {
                 write!(f, "the first round took {times_the_median:.2} times the median; something was still warming up")
             }
             Self::Outliers { rounds } => {
-                let rounds: Vec<_> = rounds.iter().map(|round| (round + 1).to_string()).collect();
-                write!(f, "outliers in round {}; something else was using the machine", rounds.join(", "))
+                write!(f, "outliers in round {}; something else was using the machine", numbers(rounds))
             }
             Self::Drift(Drift { rank_correlation, p }) => {
                 let way = if *rank_correlation > 0.0 { "slower" } else { "faster" };
@@ -190,9 +219,28 @@ impl fmt::Display for Warning {
             Self::KernelSum { share_of_gpu_time } => {
                 write!(f, "its kernels add up to {:.1} % of the device's time", 100.0 * share_of_gpu_time)
             }
+            Self::Unsteady { rounds } => {
+                write!(f, "the device's speed had not settled within 1 % before round {}", numbers(rounds))
+            }
+            Self::OtherClock { rounds, median_megahertz } => {
+                let share = 100.0 * CLOCK_TOLERANCE;
+                let rounds = numbers(rounds);
+                write!(
+                    f,
+                    "the device's clock was over {share} % off its median of {median_megahertz:.0} MHz in round {rounds}"
+                )
+            }
+            Self::Throttled { rounds, reasons } => {
+                write!(f, "the device was throttled in round {}: {}", numbers(rounds), reasons.join(", "))
+            }
             Self::NonfiniteSamples { samples } => write!(f, "{samples} samples were NaN or infinite"),
         }
     }
+}
+
+/// Rounds for people, who count from 1.
+fn numbers(rounds: &[usize]) -> String {
+    rounds.iter().map(|round| (round + 1).to_string()).collect::<Vec<_>>().join(", ")
 }
 
 impl Report {
@@ -318,12 +366,12 @@ impl CombinationReport {
         self.typical = Some(self.runs[order[(order.len() - 1) / 2]].measurement.clone());
         let shrink = self.width() / study.rounds.until.unwrap_or(TARGET_WIDTH);
         self.rounds_needed = shrink.is_finite().then(|| (seconds.len() as f64 * shrink * shrink).ceil() as usize);
-        self.warn(&seconds, estimate.value);
+        self.warn(&seconds, estimate.value, study.bootstrap.enough());
     }
 
-    fn warn(&mut self, seconds: &[f64], median: f64) {
-        if seconds.len() < ENOUGH_ROUNDS {
-            self.warnings.push(Warning::FewRounds { rounds: seconds.len() });
+    fn warn(&mut self, seconds: &[f64], median: f64, enough: usize) {
+        if seconds.len() < enough {
+            self.warnings.push(Warning::FewRounds { rounds: seconds.len(), enough });
         }
         let mut outliers = outliers(seconds);
         if outliers.first() == Some(&0) && seconds[0] > median {
@@ -338,6 +386,12 @@ impl CombinationReport {
         if p < DRIFT_P {
             self.warnings.push(Warning::Drift(Drift { rank_correlation, p }));
         }
+        let unsteady = |run: &Run| run.measurement.warm_up.is_some_and(|warm_up| warm_up.steady == Some(false));
+        let rounds = self.rounds_where(unsteady);
+        if !rounds.is_empty() {
+            self.warnings.push(Warning::Unsteady { rounds });
+        }
+        self.warn_of_clocks();
         let Some(typical) = &self.typical else { return };
         let share_of_gpu_time = typical.kernels.iter().map(|k| k.gpu_seconds).sum::<f64>() / typical.gpu_seconds;
         if (share_of_gpu_time - 1.0).abs() > KERNEL_SUM_TOLERANCE {
@@ -348,11 +402,41 @@ impl CombinationReport {
         }
     }
 
+    fn warn_of_clocks(&mut self) {
+        let Some(median_megahertz) = self.megahertz() else { return };
+        let off = |megahertz: f64| (megahertz / median_megahertz - 1.0).abs() > CLOCK_TOLERANCE;
+        let rounds = self.rounds_where(|run| run.measurement.megahertz().is_some_and(off));
+        if !rounds.is_empty() {
+            self.warnings.push(Warning::OtherClock { rounds, median_megahertz });
+        }
+        let reasons_of = |run: &Run| -> Vec<String> {
+            let after = run.measurement.clocks_after.as_ref().and_then(|clocks| clocks.throttle_reasons.clone());
+            after.unwrap_or_default().into_iter().filter(|reason| !IDLE.contains(&reason.as_str())).collect()
+        };
+        let mut reasons: Vec<String> = self.runs.iter().flat_map(reasons_of).collect();
+        reasons.sort_unstable();
+        reasons.dedup();
+        if !reasons.is_empty() {
+            let rounds = self.rounds_where(|run| !reasons_of(run).is_empty());
+            self.warnings.push(Warning::Throttled { rounds, reasons });
+        }
+    }
+
+    /// Clock of the device's processors in the median run, in MHz; `None` where it is not known.
+    pub fn megahertz(&self) -> Option<f64> {
+        let known: Vec<f64> = self.runs.iter().filter_map(|run| run.measurement.megahertz()).collect();
+        (!known.is_empty()).then(|| median(&known))
+    }
+
+    /// Rounds whose runs are such.
+    fn rounds_where(&self, such: impl Fn(&Run) -> bool) -> Vec<usize> {
+        self.runs.iter().filter(|run| such(run)).map(|run| run.round).collect()
+    }
+
     /// Width of its wider interval as a share of the value; infinite where there is none.
     fn width(&self) -> f64 {
-        let width = |estimate: &Estimate| (estimate.high - estimate.low) / estimate.value;
-        let ratio = self.ratio.as_ref().map_or(0.0, |ratio| width(&ratio.estimate));
-        self.seconds.as_ref().map_or(f64::INFINITY, |seconds| width(seconds).max(ratio))
+        let ratio = self.ratio.map_or(0.0, |ratio| ratio.estimate.relative_width());
+        self.seconds.map_or(f64::INFINITY, |seconds| seconds.relative_width().max(ratio))
     }
 
     /// Samples in a second of the median run; `None` where it does not count.
@@ -363,6 +447,12 @@ impl CombinationReport {
     /// Rays of all classes in a second of the median run; `None` where it does not count.
     pub fn rays_per_second(&self) -> Option<f64> {
         Some(self.typical.as_ref()?.rays.total() as f64 / self.seconds?.value)
+    }
+
+    /// How long the device had nothing to do before a run, in the median; `None` where it does not tell.
+    pub fn idle_before_seconds(&self) -> Option<f64> {
+        let idle: Vec<f64> = self.runs.iter().filter_map(|run| run.measurement.idle_before_seconds).collect();
+        (!idle.is_empty()).then(|| median(&idle))
     }
 
     /// Path state that the kernels read and wrote in a second of the device's time.
@@ -401,7 +491,29 @@ impl Ratio {
         } else {
             (bootstrap.ratio_of_medians(&seconds(runs), &seconds(baseline)), RatioMethod::Medians)
         };
-        Some(Self { estimate, method, within_noise: estimate.low <= 1.0 && 1.0 <= estimate.high })
+        Some(Self { estimate, method })
+    }
+
+    /// What it says.
+    pub fn verdict(&self) -> RatioVerdict {
+        match self.estimate.interval {
+            None => RatioVerdict::TooFewRounds,
+            Some(_) if self.estimate.surely_below(1.0) => RatioVerdict::Faster,
+            Some(_) if self.estimate.surely_above(1.0) => RatioVerdict::Slower,
+            Some(_) => RatioVerdict::WithinNoise,
+        }
+    }
+}
+
+impl Serialize for Ratio {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut fields = serializer.serialize_struct("Ratio", 5)?;
+        fields.serialize_field("value", &self.estimate.value)?;
+        fields.serialize_field("low", &self.estimate.interval.map(|interval| interval.low))?;
+        fields.serialize_field("high", &self.estimate.interval.map(|interval| interval.high))?;
+        fields.serialize_field("verdict", self.verdict().words())?;
+        fields.serialize_field("method", &self.method)?;
+        fields.end()
     }
 }
 
@@ -412,16 +524,26 @@ fn factors<S: Serializer>(factors: &[(&'static str, Vec<String>)], serializer: S
 /// Runs as rows of numbers: their kernels and bounces would fill the file with what `typical` has.
 fn bare_runs<S: Serializer>(runs: &[Run], serializer: S) -> Result<S::Ok, S::Error> {
     #[derive(Serialize)]
-    struct Row {
+    struct Row<'a> {
         round: usize,
         position: usize,
         wall_seconds: f64,
         gpu_seconds: f64,
+        idle_seconds: Option<f64>,
+        idle_before_seconds: Option<f64>,
+        warm_up: Option<WarmUpRow>,
+        clocks_before: &'a Option<ClockState>,
+        clocks_after: &'a Option<ClockState>,
     }
     serializer.collect_seq(runs.iter().map(|&Run { round, position, ref measurement }| Row {
         round,
         position,
         wall_seconds: measurement.wall_seconds,
         gpu_seconds: measurement.gpu_seconds,
+        idle_seconds: measurement.idle_seconds,
+        idle_before_seconds: measurement.idle_before_seconds,
+        warm_up: measurement.warm_up,
+        clocks_before: &measurement.clocks_before,
+        clocks_after: &measurement.clocks_after,
     }))
 }

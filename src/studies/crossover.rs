@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::analysis::{Clock, SceneReport};
 use super::{Configuration, Design, Role};
-use crate::stats::{Bootstrap, Estimate, SplitMix64, median, quantile};
+use crate::stats::{Bootstrap, Estimate, Interval, SplitMix64, median, quantile};
 
 /// Two combinations over a swept cost.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -35,13 +35,14 @@ pub struct CrossoverPoint {
 /// A cost at which both take the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Crossing {
-    /// The cost. Its interval is of those resamples that cross.
+    /// The cost. Its interval is of those resamples that cross; `None` where a list of timings has fewer
+    /// than can hold the confidence.
     pub cost: Estimate,
     /// Which one is faster beyond.
     pub direction: CrossingDirection,
     /// Share of resamples that cross in this direction, in [0, 1]. Well below 1 it is not certain
-    /// that there is a crossing at all.
-    pub support: f64,
+    /// that there is a crossing at all. `None` where there is no interval.
+    pub support: Option<f64>,
 }
 
 /// Which of two combinations is faster beyond a crossing.
@@ -71,6 +72,11 @@ pub fn find_crossings(costs: &[f64], a: &[Vec<f64>], b: &[Vec<f64>], bootstrap: 
         lists.iter().map(resample).collect::<Vec<f64>>()
     };
     let found = crossings_of(costs, &medians(a), &medians(b));
+    if a.iter().chain(b).any(|list| list.len() < bootstrap.enough()) {
+        let bare =
+            |(cost, direction)| Crossing { cost: Estimate { value: cost, interval: None }, direction, support: None };
+        return found.into_iter().map(bare).collect();
+    }
     let mut nearest: Vec<Vec<f64>> = vec![Vec::new(); found.len()];
     if !found.is_empty() {
         for _ in 0..bootstrap.resamples {
@@ -83,9 +89,12 @@ pub fn find_crossings(costs: &[f64], a: &[Vec<f64>], b: &[Vec<f64>], bootstrap: 
     }
     let tail = (1.0 - bootstrap.confidence) / 2.0;
     let with_interval = |((cost, direction), resamples): ((f64, CrossingDirection), Vec<f64>)| Crossing {
-        cost: Estimate { value: cost, low: quantile(&resamples, tail), high: quantile(&resamples, 1.0 - tail) },
+        cost: Estimate {
+            value: cost,
+            interval: Some(Interval { low: quantile(&resamples, tail), high: quantile(&resamples, 1.0 - tail) }),
+        },
         direction,
-        support: resamples.len() as f64 / bootstrap.resamples as f64,
+        support: Some(resamples.len() as f64 / bootstrap.resamples as f64),
     };
     found.into_iter().zip(nearest).map(with_interval).collect()
 }

@@ -7,7 +7,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Configuration;
+use crate::clocks::ClockState;
 use crate::film::Image;
+use crate::stats::mean;
 
 /// What a render is for. The settings of the picture are the same in all of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,6 +122,17 @@ pub struct Measurement {
     pub wall_seconds: f64,
     /// Inside command buffers, on the device's clock; 0 where the device has none.
     pub gpu_seconds: f64,
+    /// How long the device had nothing to do between command buffers of this render, on its own clock; `None` where
+    /// it has none.
+    pub idle_seconds: Option<f64>,
+    /// As [`Measurement::idle_seconds`], from the end of what it did before to the start of this render.
+    pub idle_before_seconds: Option<f64>,
+    /// How the device was warmed up for this render; `None` where it had just been at work.
+    pub warm_up: Option<WarmUpRow>,
+    /// Clocks, power and temperature of the device before; `None` where nothing tells of them.
+    pub clocks_before: Option<ClockState>,
+    /// And after.
+    pub clocks_after: Option<ClockState>,
     /// Samples over all pixels.
     pub samples: u64,
     /// Samples that were NaN or infinite and were left out of the film.
@@ -154,6 +167,20 @@ pub struct Measurement {
 }
 
 impl Measurement {
+    /// Time that it took, with what was thrown away to warm the device up.
+    pub fn seconds_spent(&self) -> f64 {
+        self.wall_seconds + self.warm_up.map_or(0.0, |warm_up| warm_up.seconds)
+    }
+
+    /// Clock of the device's processors, the mean of before and after, in MHz; `None` where neither is known.
+    pub fn megahertz(&self) -> Option<f64> {
+        let known: Vec<f64> = [&self.clocks_before, &self.clocks_after]
+            .into_iter()
+            .filter_map(|clocks| clocks.as_ref()?.sm_megahertz.map(f64::from))
+            .collect();
+        (!known.is_empty()).then(|| mean(&known))
+    }
+
     /// Compile time of all pipelines, one after the other, with cold or with filled caches; `None`
     /// where that was not tried.
     pub fn pipeline_seconds(&self, cached: bool) -> Option<f64> {
@@ -161,6 +188,16 @@ impl Measurement {
         let known: Vec<f64> = self.pipelines.iter().filter_map(seconds).collect();
         (!known.is_empty()).then(|| known.iter().sum())
     }
+}
+
+/// Work that was thrown away before a render, until the device was steady.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct WarmUpRow {
+    /// Seconds of it.
+    pub seconds: f64,
+    /// Whether two windows of it in succession agreed within 1 % before the time was up; `None` where there was time for
+    /// one alone.
+    pub steady: Option<bool>,
 }
 
 /// Rays traced, by class.

@@ -16,14 +16,16 @@ mod runner;
 pub mod tradeoff;
 mod validity;
 
-pub use analysis::{Clock, CombinationReport, Drift, Ratio, RatioMethod, Report, Run, SceneReport, Warning};
+pub use analysis::{
+    Clock, CombinationReport, Drift, Ratio, RatioMethod, RatioVerdict, Report, Run, SceneReport, Warning,
+};
 pub use crossover::{Crossing, CrossingDirection, Crossover, CrossoverPoint, find_crossings};
 pub use envelope::{Envelope, Row, Trial};
 pub use error::StudyError;
 pub use factorial::{Configuration, Design, FACTORS, Factor, FactorKind, Levels, Role, parse_count};
 pub use measurement::{
     BounceRow, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts, StageWork,
-    WorkCounters,
+    WarmUpRow, WorkCounters,
 };
 pub use noise::{modified_z_scores, outliers, rank_correlation, shuffle, trend};
 pub use runner::{Event, Listener, Rounds, Study};

@@ -13,6 +13,9 @@ use super::{Configuration, Design, StudyError};
 use crate::film::Image;
 use crate::stats::{Bootstrap, SplitMix64};
 
+/// The share of rounds, as 1 in so many, that may pass before they are analysed anew: the device waits for that.
+const ROUNDS_PER_ANALYSIS: usize = 8;
+
 /// How often everything is repeated.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rounds {
@@ -58,7 +61,8 @@ pub enum Event<'a> {
     Rendered { scene: &'a str, label: &'a str, purpose: Purpose, measurement: &'a Measurement },
     /// The gate has spoken.
     Judged { scene: &'a str, label: &'a str, verdict: &'a Verdict },
-    /// The report has changed: worth writing down, in case there is no next one.
+    /// The report has changed: worth writing down, in case there is no next one. At first after every round, then after
+    /// every eighth part more.
     Updated { report: &'a Report },
 }
 
@@ -110,14 +114,18 @@ impl Study {
             }
         }
 
-        let mut round = 0;
+        let (mut round, mut analysed) = (0, 0_usize);
         while progress.is_continue() && self.wants_round(round, &report.scenes[index]) {
             progress = self.round(round, renderer, random, &mut report.scenes[index], listen)?;
-            report.scenes[index].analyse(self);
             round += 1;
-            let heard = listen(Event::Updated { report });
-            if heard.is_break() {
-                progress = heard;
+            let last = progress.is_break() || !self.wants_round(round, &report.scenes[index]);
+            if last || round >= analysed + analysed.div_ceil(ROUNDS_PER_ANALYSIS) {
+                report.scenes[index].analyse(self);
+                analysed = round;
+                let heard = listen(Event::Updated { report });
+                if heard.is_break() {
+                    progress = heard;
+                }
             }
         }
         Ok(progress)

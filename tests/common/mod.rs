@@ -2,41 +2,56 @@
 #![allow(dead_code, reason = "each test file uses its part")]
 
 pub mod meshes;
+pub mod not_tested;
 pub mod probe;
+pub mod project;
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
+pub use project::project_file;
 use raywave::gpu::{Device, Instance};
-use raywave::render::{Outcome, PreparedScene, Session, Settings};
+use raywave::render::{Defaults, Outcome, PreparedScene, Session, Settings};
 use raywave::scene::{Scene, generate_gallery};
 
-/// The device of `RAYWAVE_DEVICE`, or the best one, with validation on.
-pub fn device() -> Device {
-    let instance = Arc::new(Instance::new(true).expect("GPU tests need Vulkan and its validation layer"));
-    let wanted = std::env::var("RAYWAVE_DEVICE").ok();
-    let description = instance.choose(wanted.as_deref()).expect("GPU tests need a Vulkan device");
-    Device::open(&instance, description).expect("the device opens")
+/// Vulkan under validation, or without where `RAYWAVE_NO_VALIDATION` is set, for machines that lack the layer.
+pub fn instance() -> Arc<Instance> {
+    let validation = std::env::var_os("RAYWAVE_NO_VALIDATION").is_none();
+    Arc::new(Instance::new(validation).expect("GPU tests need Vulkan and its validation layer"))
 }
 
-/// Whether a test of many cases tries the one of that index on this device: each on lavapipe, elsewhere one of `n`.
+/// The device of `RAYWAVE_DEVICE`, or the best one.
+pub fn device() -> Device {
+    device_with_cache(None)
+}
+
+/// The same, with a folder of caches.
+pub fn device_with_cache(folder: Option<&Path>) -> Device {
+    let instance = instance();
+    let wanted = std::env::var("RAYWAVE_DEVICE").ok();
+    let description = instance.choose(wanted.as_deref()).expect("GPU tests need a Vulkan device");
+    Device::open_with_cache(&instance, description, folder).expect("the device opens")
+}
+
+/// Whether a test of many cases tries the one of that index on this device: on SwiftShader one of `n`, elsewhere each.
 /// SwiftShader takes half a second to build the kernels of a render, and does so by one thread. It is there for
 /// another compiler and fewer lanes, which show in any case; what shows in few of them shows on lavapipe. `n` shares
 /// no divisor with the numbers of what is combined, so that the cases left have all of it in turn.
 pub fn tries(device: &Device, index: usize, n: usize) -> bool {
-    is_lavapipe(device) || index.is_multiple_of(n)
+    !is_swiftshader(device) || index.is_multiple_of(n)
 }
 
 /// The samples that a test takes on this device where any number makes a sound test. SwiftShader is ten times slower
 /// than lavapipe. What a sixteenth of the samples no longer shows there, noise being four times as large, is left to
 /// lavapipe and to `ray_counts.rs`, which holds paths on both against the CPU's.
 pub fn samples_on(device: &Device, samples: u32) -> u32 {
-    if is_lavapipe(device) { samples } else { samples / 16 }
+    if is_swiftshader(device) { samples / 16 } else { samples }
 }
 
-fn is_lavapipe(device: &Device) -> bool {
-    device.description().driver.contains("Mesa")
+/// Whether the device is SwiftShader.
+pub fn is_swiftshader(device: &Device) -> bool {
+    device.description().name.contains("SwiftShader")
 }
 
 /// Fails with everything that the validation layer said.
@@ -45,11 +60,16 @@ pub fn assert_silent(device: &Device) {
     assert!(messages.is_empty(), "the validation layer says:\n{}", messages.join("\n"));
 }
 
+/// The scene as the device takes it by its defaults.
+pub fn prepare(device: &Device, scene: &Scene, settings: &Settings) -> PreparedScene {
+    let defaults = Defaults::of(device).expect("the device can be measured");
+    PreparedScene::for_device(scene, settings, &defaults).expect("the scene fits")
+}
+
 /// Renders and checks that validation is silent and no sample was lost.
 pub fn render_on(device: &Device, scene: &Scene, settings: &Settings) -> Outcome {
     settings.validate().expect("the settings make sense");
-    let prepared =
-        PreparedScene::for_lanes(scene, settings, device.description().subgroup_size).expect("the scene fits");
+    let prepared = prepare(device, scene, settings);
     let mut session = Session::new(device, &prepared, settings).expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
     drop(session);
@@ -61,11 +81,6 @@ pub fn render_on(device: &Device, scene: &Scene, settings: &Settings) -> Outcome
 /// As [`render_on`], on a device of its own.
 pub fn render(scene: &Scene, settings: &Settings) -> Outcome {
     render_on(&device(), scene, settings)
-}
-
-/// A file of the project.
-pub fn project_file(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
 /// A scene of `scenes/`.

@@ -9,7 +9,7 @@ use raywave::bvh::BvhKind;
 use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription};
 use raywave::layout::{Batch, Control};
 use raywave::recording::Recording;
-use raywave::render::{Plan, PreparedScene, Settings, forms_for, scene_buffers};
+use raywave::render::{Defaults, Plan, PreparedScene, Settings, scene_buffers};
 use raywave::scene::{Camera, Environment, Material, Mesh, RenderDefaults, Scene, Surface, Triangle};
 use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Forms, Kernel, Library, Variant};
 use raywave::stats::SplitMix64;
@@ -79,18 +79,18 @@ impl Bench {
             state("control", size_of::<Control>() as u64, None),
             state("stack_blocks", self.scene.needs(&self.settings).stack_bytes(plan.stacks()).max(16), None),
         ];
+        let defaults = Defaults::of(&self.device).expect("the device can be measured");
         let description = ExecutorDescription {
             kernels: &[kernel],
             specialization: &self.scene.specialization(&self.settings, &plan),
             buffers: scene_buffers(&self.scene, &self.settings, &frame).chain(probe_buffers).collect(),
-            access: self.access,
+            access: self.access.unwrap_or_else(|| defaults.access(&self.settings)),
             edition: Edition::Plain,
-            arithmetic: Arithmetic::Portable(self.forms.unwrap_or_else(|| forms_for(&self.device))),
+            arithmetic: Arithmetic::Portable(self.forms.unwrap_or(defaults.forms)),
             driver: self.driver,
         };
         let mut executor = Executor::new(&self.device, description).expect("the probe is built");
-        let batch =
-            Batch { first_pixel: 0, pixel_count: items, first_sample: 0, sample_count: 1, bounce: 0, film_pixel: 0 };
+        let batch = Batch { pixel_count: items, sample_count: 1, ..bytemuck::Zeroable::zeroed() };
         let mut recording = Recording::default();
         recording.dispatch(kernel.name, items.div_ceil(workgroup_size), batch);
         executor.submit(&recording).expect("the probe runs");

@@ -1,14 +1,16 @@
 //! A renderer without a GPU: its times are drawn from distributions that a test knows.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+use std::cell::Cell;
 use std::error::Error;
 
 use glam::Vec3;
+use raywave::clocks::{ClockState, Clocks};
 use raywave::film::Image;
 use raywave::stats::{Bootstrap, SplitMix64, normal_quantile};
 use raywave::studies::{
     BounceRow, Clock, Configuration, Design, Factor, KernelRow, Measurement, PipelineBuild, Purpose, Rays, Renderer,
-    Rounds, SceneFacts, StageWork, Study, WorkCounters,
+    Rounds, SceneFacts, StageWork, Study, WarmUpRow, WorkCounters,
 };
 
 /// What a render is asked for: scene, configuration, purpose, and how many timed ones of this
@@ -20,6 +22,26 @@ pub struct Call<'a> {
     pub before: usize,
 }
 
+/// A card whose clock goes through a list, over and over, one reading after the other.
+pub struct FakeClocks {
+    pub megahertz: Vec<u32>,
+    pub reasons: Vec<String>,
+    pub readings: Cell<usize>,
+}
+
+impl Clocks for FakeClocks {
+    fn state(&self) -> ClockState {
+        let reading = self.readings.replace(self.readings.get() + 1);
+        ClockState {
+            sm_megahertz: Some(self.megahertz[reading % self.megahertz.len()]),
+            memory_megahertz: None,
+            power_watts: Some(250.5),
+            temperature_celsius: Some(61),
+            throttle_reasons: Some(self.reasons.clone()),
+        }
+    }
+}
+
 type Model<T> = Box<dyn FnMut(&Call<'_>, &mut SplitMix64) -> T>;
 
 pub struct FakeRenderer {
@@ -29,6 +51,10 @@ pub struct FakeRenderer {
     pub image: Model<Option<Image>>,
     /// A message where it fails.
     pub failure: Model<Option<String>>,
+    /// How the device was warmed up before.
+    pub warm_up: Model<Option<WarmUpRow>>,
+    /// Asked before and after every render, where there are any.
+    pub clocks: Option<FakeClocks>,
     pub random: SplitMix64,
     /// Every call so far.
     pub log: Vec<(String, Configuration, Purpose)>,
@@ -42,6 +68,8 @@ impl FakeRenderer {
             seconds: Box::new(seconds),
             image: Box::new(|_, _| Some(gradient(8, 8))),
             failure: Box::new(|_, _| None),
+            warm_up: Box::new(|_, _| None),
+            clocks: None,
             random: SplitMix64::new(1),
             log: Vec::new(),
         }
@@ -79,8 +107,13 @@ impl Renderer for FakeRenderer {
         if let Some(message) = (self.failure)(&call, &mut self.random) {
             return Err(message.into());
         }
+        let state = |clocks: &Option<FakeClocks>| clocks.as_ref().map(|clocks| clocks.state());
+        let clocks_before = state(&self.clocks);
         let wall_seconds = (self.seconds)(&call, &mut self.random);
         Ok(Measurement {
+            warm_up: (self.warm_up)(&call, &mut self.random),
+            clocks_before,
+            clocks_after: state(&self.clocks),
             image: (self.image)(&call, &mut self.random),
             counters: (purpose == Purpose::Counting).then(|| work(configuration)),
             ..cost(configuration, purpose, wall_seconds)

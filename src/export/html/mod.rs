@@ -18,10 +18,11 @@ use self::pictures::Pictures;
 use self::plots::{KernelColours, RatioRow, crossing_text};
 use self::svg::escape;
 use self::table::{Cell, table};
-use super::numbers::{Unit, bytes, grouped, power_of_ten, seconds, significant};
+use super::numbers::{Unit, bounds, bytes, grouped, power_of_ten, seconds, significant};
 use super::{Document, plain};
 use crate::film::Image;
-use crate::studies::{Clock, CombinationReport, Measurement, Report, SceneReport, StageWork, Verdict};
+use crate::stats::{Interval, TOO_FEW_ROUNDS};
+use crate::studies::{Clock, CombinationReport, Measurement, RatioVerdict, Report, SceneReport, StageWork, Verdict};
 
 const HEAD: &str = include_str!("head.html");
 const STYLE: &str = include_str!("page.css");
@@ -145,20 +146,23 @@ fn findings(scene: &SceneReport) -> Vec<String> {
         let best = with_ratio.min_by(|a, b| a.1.estimate.value.total_cmp(&b.1.estimate.value));
         if let Some((best, found)) = best {
             let (label, base) = (escape(&best.label), escape(&best.baseline));
-            let e = found.estimate;
-            let speed = format!("{:.2}× <small>[{:.2}, {:.2}]</small>", 1.0 / e.value, 1.0 / e.high, 1.0 / e.low);
-            let interval = format!("<small>[{:.2}, {:.2}]</small>", e.low, e.high);
-            findings.push(match () {
-                () if found.within_noise => format!(
-                    "<b>{name}</b> no combination beats {base} beyond noise; {label} takes {:.2}× {interval} its time",
-                    e.value
+            let times = |value: f64, from: f64, to: f64| format!("{value:.2}× <small>[{from:.2}, {to:.2}]</small>");
+            let value = found.estimate.value;
+            let Interval { low, high } = found.estimate.interval.unwrap_or(Interval { low: value, high: value });
+            let time = times(value, low, high);
+            findings.push(match found.verdict() {
+                RatioVerdict::TooFewRounds => format!(
+                    "<b>{name}</b> {TOO_FEW_ROUNDS} to say what is fastest; {label} took {value:.2}× the time of {base}"
                 ),
-                () if e.value < 1.0 => format!("<b>{name}</b> {label} is {speed} as fast as {base}"),
-                () => {
-                    format!(
-                        "<b>{name}</b> {base} is fastest; {label}, the next, takes {:.2}× {interval} its time",
-                        e.value
-                    )
+                RatioVerdict::WithinNoise => {
+                    format!("<b>{name}</b> no combination beats {base} beyond noise; {label} takes {time} its time")
+                }
+                RatioVerdict::Faster => {
+                    let speed = times(1.0 / value, 1.0 / high, 1.0 / low);
+                    format!("<b>{name}</b> {label} is {speed} as fast as {base}")
+                }
+                RatioVerdict::Slower => {
+                    format!("<b>{name}</b> {base} is fastest; {label}, the next, takes {time} its time")
                 }
             });
         }
@@ -195,7 +199,7 @@ fn overview(report: &Report) -> String {
     let which = if whole { "" } else { "Each scene's fastest combination; all of them are below, by scene. " };
     format!(
         "<section id=\"ratios\"><h2>Against the baseline</h2>\n<p>{which}Bars are {:.0} % intervals; those that \
-         contain 1 are within noise and grey.</p>\n<figure>{}</figure></section>\n",
+         contain 1 are within noise and grey, and rings have {TOO_FEW_ROUNDS} for an interval.</p>\n<figure>{}</figure></section>\n",
         100.0 * report.confidence,
         plots::ratios(&groups)
     )
@@ -253,6 +257,8 @@ fn speeds(report: &Report) -> String {
             ("samples", "M/s"),
             ("rays", "M/s"),
             ("device time", unit.symbol),
+            ("idle before", ""),
+            ("clock", "MHz"),
             ("runs", ""),
             ("caveats", ""),
         ],
@@ -260,29 +266,28 @@ fn speeds(report: &Report) -> String {
     let rows = rows(report, |_, c| {
         let typical = c.typical.as_ref();
         let mega = |value: f64| significant(value / 1e6, 3);
-        let between = |low: f64, high: f64| format!("{}–{}", unit.number(low), unit.number(high));
         let explanation = escape(&c.verdict.explanation());
         let image = format!("<span class=\"{0}\" title=\"{explanation}\">{0}</span>", c.verdict.word());
-        let ratio = c.ratio.map(|r| r.estimate).or_else(|| {
-            let is_base = matches!(c.verdict, Verdict::Baseline);
-            is_base.then_some(crate::stats::Estimate { value: 1.0, low: 1.0, high: 1.0 })
-        });
-        let ratio_between = c.ratio.map(|r| format!("{:.3}–{:.3}", r.estimate.low, r.estimate.high));
+        let three = |value: f64| format!("{value:.3}");
+        let own = matches!(c.verdict, Verdict::Baseline).then_some(1.0);
+        let ratio = c.ratio.map(|ratio| ratio.estimate);
         vec![
             Cell::html(image, c.verdict.word()),
             Cell::number(c.seconds.map(|s| s.value), |v| unit.number(v))
-                .with_interval(c.seconds.map(|s| between(s.low, s.high))),
-            Cell::number(ratio.map(|r| r.value), |v| format!("{v:.3}")).with_interval(ratio_between),
+                .with_interval(c.seconds.map(|s| bounds(&s, |v| unit.number(v)))),
+            Cell::number(ratio.map(|r| r.value).or(own), three).with_interval(ratio.map(|r| bounds(&r, three))),
             Cell::number(c.samples_per_second(), mega),
             Cell::number(c.rays_per_second(), mega),
             Cell::number(typical.map(|t| t.gpu_seconds).filter(|s| *s > 0.0), |v| unit.number(v)),
+            Cell::number(c.idle_before_seconds(), seconds),
+            Cell::number(c.megahertz(), |v| format!("{v:.0}")),
             Cell::number(Some(c.runs.len() as f64), |v| v.to_string()),
             Cell::number(Some(caveats_of(c).len() as f64).filter(|n| *n > 0.0), |v| v.to_string()).linked("#caveats"),
         ]
     });
     format!(
-        "<section id=\"speeds\"><h2>Speeds</h2>\n<p>Medians of the {} clock; {confidence}s beside them. A heading \
-         sorts by its column.</p>\n{}</section>\n",
+        "<section id=\"speeds\"><h2>Speeds</h2>\n<p>Medians of the {} clock; {confidence}s beside them. Idle before \
+         is how long the device had nothing to do until a run began. A heading sorts by its column.</p>\n{}</section>\n",
         clock(report),
         table("Speeds of all combinations", &columns, &rows)
     )
@@ -587,7 +592,8 @@ fn provenance(document: &Document<'_>) -> String {
         format!(", until every interval is narrower than {} % of its value", significant(100.0 * share, 2))
     });
     let method = format!(
-        "First renders of every combination, unmeasured; then {} to {} rounds{until}. Each round renders every \
+        "First renders of every combination, unmeasured; renders that are thrown away until two windows of them agree \
+         within 1 %, or for 3 s, before the first round and wherever the device had rested; then {} to {} rounds{until}. Each round renders every \
          combination once, in a random order (seed {}). Intervals by percentile bootstrap of {} resamples. A ratio is \
          the median of each round's ratio where the two times rise and fall together from round to round (rank \
          correlation above 0.5), else the ratio of the medians.",

@@ -1,9 +1,9 @@
 //! The plots of the page. Every axis has a unit, and every mark tells its numbers when pointed at.
 
 use super::svg::{Anchor, Axis, Spacing, Svg, logarithmic_ticks};
-use crate::export::numbers::{Unit, count, grouped, ratio, seconds};
-use crate::stats::Estimate;
-use crate::studies::{CombinationReport, CrossingDirection, Crossover, Measurement, Ratio, SceneReport};
+use crate::export::numbers::{Unit, count, estimate, grouped, ratio, seconds};
+use crate::stats::{Estimate, Interval};
+use crate::studies::{CombinationReport, CrossingDirection, Crossover, Measurement, Ratio, RatioVerdict, SceneReport};
 
 const WIDTH: f64 = 960.0;
 /// Height of a row of a plot with rows.
@@ -52,8 +52,8 @@ pub fn ratios(groups: &[(String, Vec<RatioRow<'_>>)]) -> String {
     let left = label_width(rows().map(|row| row.label));
     let (start, end) = (left + 16.0, WIDTH - 190.0);
     let estimates = || rows().filter_map(|row| row.ratio).map(|ratio| ratio.estimate);
-    let low = estimates().map(|e| e.low).filter(|v| *v > 0.0).fold(1.0, f64::min);
-    let high = estimates().map(|e| e.high).filter(|v| v.is_finite()).fold(1.0, f64::max);
+    let low = estimates().map(|e| e.lowest()).filter(|v| *v > 0.0).fold(1.0, f64::min);
+    let high = estimates().map(|e| e.highest()).filter(|v| v.is_finite()).fold(1.0, f64::max);
     // At least 2 % to both sides, so that noise is not blown up to fill the plot.
     let margin = ((high / low).ln() * 0.06).max(0.02).exp();
     let axis = Axis { low: low / margin, high: high * margin, start, end, spacing: Spacing::Logarithmic };
@@ -92,17 +92,19 @@ pub fn ratios(groups: &[(String, Vec<RatioRow<'_>>)]) -> String {
 }
 
 fn mark(svg: &mut Svg, axis: &Axis, y: f64, label: &str, found: &Ratio) {
-    let Estimate { value, low, high } = found.estimate;
-    let class = match () {
-        () if found.within_noise => "noise",
-        () if value < 1.0 => "faster",
-        () => "slower",
+    let class = match found.verdict() {
+        RatioVerdict::Faster => "faster",
+        RatioVerdict::Slower => "slower",
+        RatioVerdict::WithinNoise => "noise",
+        RatioVerdict::TooFewRounds => "unsure",
     };
-    let (from, to) = (axis.at(low), axis.at(high));
-    svg.line(&format!("whisker {class}"), (from, y), (to, y));
-    svg.line(&format!("whisker {class}"), (from, y - 4.0), (from, y + 4.0));
-    svg.line(&format!("whisker {class}"), (to, y - 4.0), (to, y + 4.0));
-    svg.circle(class, (axis.at(value), y), 4.5, &format!("{label}: {}", ratio(&found.estimate)));
+    if let Some(Interval { low, high }) = found.estimate.interval {
+        let (from, to) = (axis.at(low), axis.at(high));
+        svg.line(&format!("whisker {class}"), (from, y), (to, y));
+        svg.line(&format!("whisker {class}"), (from, y - 4.0), (from, y + 4.0));
+        svg.line(&format!("whisker {class}"), (to, y - 4.0), (to, y + 4.0));
+    }
+    svg.circle(class, (axis.at(found.estimate.value), y), 4.5, &format!("{label}: {}", ratio(&found.estimate)));
     svg.text("value", (WIDTH - 178.0, y + 4.0), Anchor::Start, &ratio(&found.estimate));
 }
 
@@ -269,10 +271,14 @@ pub fn crossover(crossover: &Crossover) -> String {
     // The lowest cost above 0 sets how much of the axis goes to what is below it.
     let unit = costs.iter().copied().find(|cost| *cost > 0.0).unwrap_or(1.0);
     let x = Axis { low, high, start: left, end: right, spacing: Spacing::LogarithmicAbove(unit) };
-    let longest = crossover.points.iter().flat_map(|p| [p.a_seconds.high, p.b_seconds.high]).fold(0.0, f64::max);
+    let longest =
+        crossover.points.iter().flat_map(|p| [p.a_seconds.highest(), p.b_seconds.highest()]).fold(0.0, f64::max);
     let unit = Unit::of_time(longest);
-    let shortest =
-        crossover.points.iter().flat_map(|p| [p.a_seconds.low, p.b_seconds.low]).fold(f64::INFINITY, f64::min);
+    let shortest = crossover
+        .points
+        .iter()
+        .flat_map(|p| [p.a_seconds.lowest(), p.b_seconds.lowest()])
+        .fold(f64::INFINITY, f64::min);
     let (lowest, highest) = (0.9 * unit.scale(shortest), 1.1 * unit.scale(longest));
     let y = Axis { low: lowest, high: highest, start: bottom, end: top, spacing: Spacing::Logarithmic };
     svg.text("panel", (left, 10.0), Anchor::Start, &format!("Time, {} (logarithmic)", unit.symbol));
@@ -290,7 +296,7 @@ pub fn crossover(crossover: &Crossover) -> String {
 
     for crossing in &crossover.crossings {
         let at = |cost: f64| x.at(cost.clamp(low, high));
-        let (from, to) = (at(crossing.cost.low), at(crossing.cost.high));
+        let (from, to) = (at(crossing.cost.lowest()), at(crossing.cost.highest()));
         svg.rect("band", (from, top), ((to - from).max(1.0), bottom - top), &crossing_text(crossover, crossing));
         svg.line("cross", (at(crossing.cost.value), top), (at(crossing.cost.value), bottom));
         let label = format!("{:.0}", crossing.cost.value);
@@ -309,8 +315,8 @@ pub fn crossover(crossover: &Crossover) -> String {
             let values: Vec<f64> = crossover.points.iter().map(|p| unit.scale(pick(&of(p)))).collect();
             bent(&x, &y, &costs, &values)
         };
-        let mut band = curve(|e| e.low);
-        band.extend(curve(|e| e.high).into_iter().rev());
+        let mut band = curve(Estimate::lowest);
+        band.extend(curve(Estimate::highest).into_iter().rev());
         svg.polygon(&format!("interval {class}"), &band);
         svg.polyline(&format!("series {class}"), &curve(|e| e.value));
         for point in &crossover.points {
@@ -330,13 +336,12 @@ pub fn crossing_text(crossover: &Crossover, crossing: &crate::studies::Crossing)
         CrossingDirection::AFasterBeyond => &crossover.a,
         CrossingDirection::BFasterBeyond => &crossover.b,
     };
-    let Estimate { value, low, high } = crossing.cost;
-    let support = if crossing.support < 0.975 {
-        format!("; only {:.0} % of the resamples cross here", 100.0 * crossing.support)
-    } else {
-        String::new()
+    let support = match crossing.support {
+        Some(support) if support < 0.975 => format!("; only {:.0} % of the resamples cross here", 100.0 * support),
+        _ => String::new(),
     };
-    format!("{beyond} is faster beyond {} = {value:.0} [{low:.0}, {high:.0}]{support}", crossover.factor)
+    let cost = estimate(&crossing.cost, |cost| format!("{cost:.0}"));
+    format!("{beyond} is faster beyond {} = {cost}{support}", crossover.factor)
 }
 
 /// Straight lines between values, drawn over a bent axis: the crossing of two such curves is where

@@ -6,9 +6,9 @@ use super::svg::{Anchor, Axis, Spacing, Svg, escape};
 use super::table::{Cell, table};
 use super::{HEAD, Page, SCRIPT, STYLE, Store, image_figure, legend};
 use crate::export::TradeoffDocument;
-use crate::export::numbers::{Unit, power_of_ten, seconds};
+use crate::export::numbers::{Unit, bounds, power_of_ten, seconds};
 use crate::export::tradeoff::{findings, knob_label, reference_text, small, small_interval};
-use crate::stats::{Estimate, compare_images};
+use crate::stats::{Estimate, Interval, compare_images};
 use crate::studies::tradeoff::{Decomposition, PointReport, Stage, TradeoffReport, Worth};
 
 const WIDTH: f64 = 960.0;
@@ -99,10 +99,10 @@ fn curve(report: &TradeoffReport, shown: &[(&PointReport, Estimate, Estimate)]) 
     let least = |values: &mut dyn Iterator<Item = f64>| values.filter(|v| *v > 0.0).fold(f64::INFINITY, f64::min);
     let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
     // Whiskers may reach to 0 and below: there they end at the axis.
-    let x_low = least(&mut shown.iter().map(|(_, seconds, _)| seconds.low)) / 1.25;
-    let x_high = most(&mut shown.iter().map(|(_, seconds, _)| seconds.high)) * 1.25;
+    let x_low = least(&mut shown.iter().map(|(_, seconds, _)| seconds.lowest())) / 1.25;
+    let x_high = most(&mut shown.iter().map(|(_, seconds, _)| seconds.highest())) * 1.25;
     let y_low = least(&mut shown.iter().map(|(_, _, error)| error.value)) / 2.0;
-    let y_high = most(&mut shown.iter().map(|(_, _, error)| error.high)) * 1.5;
+    let y_high = most(&mut shown.iter().map(|(_, _, error)| error.highest())) * 1.5;
     let x = Axis { low: x_low, high: x_high, start: left, end: right, spacing: Spacing::Logarithmic };
     let y = Axis { low: y_low, high: y_high, start: bottom, end: top, spacing: Spacing::Logarithmic };
     let mut svg = Svg::new(WIDTH, bottom + 48.0);
@@ -125,8 +125,13 @@ fn curve(report: &TradeoffReport, shown: &[(&PointReport, Estimate, Estimate)]) 
     svg.polyline("series faster", &on_front.collect::<Vec<_>>());
     for (point, time, error) in shown {
         let (class, (cx, cy)) = (class(point), place(time, error));
-        svg.line(&format!("whisker {class}"), (cx, y.at(error.low.max(y_low))), (cx, y.at(error.high)));
-        svg.line(&format!("whisker {class}"), (x.at(time.low), cy), (x.at(time.high), cy));
+        let whisker = format!("whisker {class}");
+        if let Some(Interval { low, high }) = error.interval {
+            svg.line(&whisker, (cx, y.at(low.max(y_low))), (cx, y.at(high)));
+        }
+        if let Some(Interval { low, high }) = time.interval {
+            svg.line(&whisker, (x.at(low), cy), (x.at(high), cy));
+        }
         let tip = format!("{}: {}, relMSE {}", point.full_label(), seconds(time.value), small_interval(error));
         svg.circle(class, (cx, cy), if point.on_front { 5.0 } else { 3.5 }, &tip);
     }
@@ -154,14 +159,16 @@ fn knobs(report: &TradeoffReport) -> String {
     ]
     .map(|(name, unit)| (name.to_owned(), unit));
     let row = |knob: &crate::studies::tradeoff::KnobReport| {
-        let bounds = |e: &Estimate| Some(format!("{:.3}–{:.3}", e.low, e.high));
-        let small_bounds = |e: &Estimate| Some(format!("{}–{}", small(e.low), small(e.high)));
+        let ratio_bounds = |e: &Estimate| Some(bounds(e, |v| format!("{v:.3}")));
+        let small_bounds = |e: &Estimate| Some(bounds(e, small));
         let class = if knob.worth == Worth::Never { "failed" } else { "" };
         let cells = vec![
             Cell::text(&knob_label(knob)),
-            Cell::text(knob.worth.word()),
-            Cell::number(Some(knob.cost_ratio.value), |v| format!("{v:.3}")).with_interval(bounds(&knob.cost_ratio)),
-            Cell::number(Some(knob.time_ratio.value), |v| format!("{v:.3}")).with_interval(bounds(&knob.time_ratio)),
+            Cell::text(knob.worth.words()),
+            Cell::number(Some(knob.cost_ratio.value), |v| format!("{v:.3}"))
+                .with_interval(ratio_bounds(&knob.cost_ratio)),
+            Cell::number(Some(knob.time_ratio.value), |v| format!("{v:.3}"))
+                .with_interval(ratio_bounds(&knob.time_ratio)),
             Cell::number(Some(knob.bias_squared.value), |v| if knob.identical { "none".to_owned() } else { small(v) })
                 .with_interval((!knob.identical).then(|| small_bounds(&knob.bias_squared)).flatten()),
             Cell::number(Some(knob.mean_shift.value), small).with_interval(small_bounds(&knob.mean_shift)),
@@ -196,8 +203,8 @@ fn points(report: &TradeoffReport) -> String {
     .map(|(name, unit)| (name.to_owned(), unit));
     let row = |point: &PointReport| {
         let small_cell = |estimate: Option<Estimate>| {
-            let bounds = estimate.map(|e| format!("{}–{}", small(e.low), small(e.high)));
-            Cell::number(estimate.map(|e| e.value), small).with_interval(bounds)
+            let interval = estimate.map(|e| bounds(&e, small));
+            Cell::number(estimate.map(|e| e.value), small).with_interval(interval)
         };
         let part = |of: fn(&Decomposition) -> Estimate| small_cell(point.rel_mse.as_ref().map(of));
         let name =
@@ -206,7 +213,7 @@ fn points(report: &TradeoffReport) -> String {
             Cell::text(&name),
             Cell::number(Some(f64::from(point.samples)), |v| v.to_string()),
             Cell::number(point.seconds.map(|s| s.value), |v| unit.number(v))
-                .with_interval(point.seconds.map(|s| format!("{}–{}", unit.number(s.low), unit.number(s.high)))),
+                .with_interval(point.seconds.map(|s| bounds(&s, |v| unit.number(v)))),
             part(|error| error.total),
             part(|error| error.bias_squared),
             part(|error| error.variance),

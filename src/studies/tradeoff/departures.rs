@@ -7,12 +7,15 @@
 //! class of statistics with asymptotically normal distribution", 1948). The reference's own noise is in
 //! all of the products; its variance is known and taken off.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
+use glam::Vec3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::film::Image;
-use crate::stats::{Bootstrap, DARK, Estimate};
+use crate::stats::{Bootstrap, DARK, Estimate, Interval};
 
 /// Two-sided quantile of a normal number for 95 %.
 const TWO_SIDED_95: f64 = 1.96;
@@ -65,12 +68,13 @@ impl ReferenceSum {
             self.squares = self.sum.clone();
         }
         self.renders += 1;
-        for (pixel, (sum, squares)) in image.pixels.iter().zip(self.sum.iter_mut().zip(&mut self.squares)) {
+        let sums = self.sum.par_iter_mut().zip(&mut self.squares);
+        image.pixels.par_iter().zip(sums).with_min_len(PART).for_each(|(pixel, (sum, squares))| {
             for (channel, value) in pixel.to_array().map(f64::from).into_iter().enumerate() {
                 sum[channel] += value;
                 squares[channel] += value * value;
             }
-        }
+        });
         self.means.push(mean_radiance(image));
     }
 
@@ -106,8 +110,11 @@ impl ReferenceSum {
 
 /// Mean over pixels and channels.
 pub fn mean_radiance(image: &Image) -> f64 {
-    let sum: f64 = image.pixels.iter().map(|pixel| f64::from(pixel.x) + f64::from(pixel.y) + f64::from(pixel.z)).sum();
-    sum / (3.0 * image.pixels.len() as f64)
+    let sum = |pixels: &[Vec3]| -> f64 {
+        pixels.iter().map(|pixel| f64::from(pixel.x) + f64::from(pixel.y) + f64::from(pixel.z)).sum()
+    };
+    let sums: Vec<f64> = image.pixels.par_chunks(PART).map(sum).collect();
+    sums.iter().sum::<f64>() / (3.0 * image.pixels.len() as f64)
 }
 
 /// Inner products of differences with each other.
@@ -191,11 +198,12 @@ impl Decomposition {
 
     /// Whether the bias is surely above none.
     pub fn is_biased(&self) -> bool {
-        self.bias_squared.low > 0.0
+        self.bias_squared.surely_above(0.0)
     }
 }
 
-/// A statistic of `count` renders, with an interval by resampling them: it is given how often each was drawn.
+/// A statistic of `count` renders, with an interval by resampling them where they are enough: it is given how often
+/// each was drawn.
 /// Draws of one render alone have no statistic and are left out.
 pub fn by_renders(count: usize, bootstrap: &Bootstrap, statistic: impl Fn(&[f64]) -> f64) -> Estimate {
     let value = statistic(&vec![1.0; count]);
@@ -211,28 +219,80 @@ pub fn by_renders(count: usize, bootstrap: &Bootstrap, statistic: impl Fn(&[f64]
 
 /// An estimate to which an independent error of that standard deviation is added.
 pub fn widened(estimate: Estimate, deviation: f64) -> Estimate {
-    let Estimate { value, low, high } = estimate;
-    let more = TWO_SIDED_95 * deviation;
-    Estimate { value, low: value - (value - low).hypot(more), high: value + (high - value).hypot(more) }
+    let (value, more) = (estimate.value, TWO_SIDED_95 * deviation);
+    let wider = |Interval { low, high }| Interval {
+        low: value - (value - low).hypot(more),
+        high: value + (high - value).hypot(more),
+    };
+    Estimate { value, interval: estimate.interval.map(wider) }
 }
 
-/// Mean over pixels and channels of a product of differences of images, over the reference's radiance² + 0.01
-/// and as it is. `a` and `b` are pairs of images whose difference is meant. Pixels of the reference that are not
+/// Pixels whose products a core takes at a time: all that they share stays in its cache.
+const PART: usize = 1 << 11;
+/// Numbers side by side, and how many of each are summed before the sum is widened.
+const LANES: usize = 8;
+const RUN: usize = 32 * LANES;
+
+/// Mean over pixels and channels of the product of a difference of images with each of others, over the reference's
+/// radiance² + 0.01 and as it is. Pairs are images whose difference is meant. Pixels of the reference that are not
 /// finite are left out.
-pub fn product(a: [&Image; 2], b: [&Image; 2], reference: &Image) -> (f64, f64) {
-    let (mut relative, mut absolute, mut numbers) = (0.0, 0.0, 0.0);
-    for (i, own) in reference.pixels.iter().enumerate() {
-        if !own.is_finite() {
-            continue;
+pub fn products<'a>(own: [&'a Image; 2], others: &[[&'a Image; 2]], reference: &Image) -> Vec<(f64, f64)> {
+    let parts = reference.pixels.par_chunks(PART).enumerate().map(|(i, reference)| {
+        let finite = reference.iter().filter(|r| r.is_finite()).count();
+        // What is left out is 0 in all of them.
+        let kept = |(pixel, reference): (&Vec3, &Vec3)| if reference.is_finite() { *pixel } else { Vec3::ZERO };
+        let part = |image: &'a Image| -> Cow<'a, [Vec3]> {
+            let pixels = &image.pixels[i * PART..][..reference.len()];
+            if finite == reference.len() { pixels.into() } else { pixels.iter().zip(reference).map(kept).collect() }
+        };
+        let apart: Vec<Vec3> = part(own[0]).iter().zip(part(own[1]).iter()).map(|(a, b)| a - b).collect();
+        let weighted = |(apart, r): (&Vec3, &Vec3)| kept((&(apart / (r * r + DARK as f32)), r));
+        let weighted: Vec<Vec3> = apart.iter().zip(reference).map(weighted).collect();
+        let sums_with = |[a, b]: &[&'a Image; 2]| sums(&weighted, &apart, &part(a), &part(b));
+        (others.iter().map(sums_with).collect(), finite)
+    });
+    // Put together in their order: the same numbers on any number of cores.
+    let parts: Vec<(Vec<(f64, f64)>, usize)> = parts.collect();
+    let numbers = 3.0 * parts.iter().map(|(_, finite)| *finite).sum::<usize>() as f64;
+    let mean = |k: usize| {
+        let all = parts.iter().fold((0.0, 0.0), |all, (sums, _)| (all.0 + sums[k].0, all.1 + sums[k].1));
+        (all.0 / numbers, all.1 / numbers)
+    };
+    (0..others.len()).map(mean).collect()
+}
+
+/// Sums of a - b times the weighted difference, and times the difference.
+fn sums(weighted: &[Vec3], apart: &[Vec3], a: &[Vec3], b: &[Vec3]) -> (f64, f64) {
+    let [weighted, apart, a, b] = [weighted, apart, a, b].map(bytemuck::cast_slice::<Vec3, f32>);
+    let (mut relative, mut absolute) = (0.0, 0.0);
+    let runs = weighted.chunks(RUN).zip(apart.chunks(RUN)).zip(a.chunks(RUN).zip(b.chunks(RUN)));
+    for ((weighted, apart), (a, b)) in runs {
+        let mut lanes = [[0.0_f32; LANES]; 2];
+        let (weighted, weighted_rest) = weighted.as_chunks::<LANES>();
+        let (apart, apart_rest) = apart.as_chunks::<LANES>();
+        let (a, a_rest) = a.as_chunks::<LANES>();
+        let (b, b_rest) = b.as_chunks::<LANES>();
+        for ((weighted, apart), (a, b)) in weighted.iter().zip(apart).zip(a.iter().zip(b)) {
+            for i in 0..LANES {
+                let other = a[i] - b[i];
+                lanes[0][i] += weighted[i] * other;
+                lanes[1][i] += apart[i] * other;
+            }
         }
-        let apart = |pair: [&Image; 2]| pair[0].pixels[i].as_dvec3() - pair[1].pixels[i].as_dvec3();
-        let product = apart(a) * apart(b);
-        let own = own.as_dvec3();
-        absolute += product.element_sum();
-        relative += (product / (own * own + DARK)).element_sum();
-        numbers += 3.0;
+        relative += lanes[0].iter().map(|x| f64::from(*x)).sum::<f64>();
+        absolute += lanes[1].iter().map(|x| f64::from(*x)).sum::<f64>();
+        for i in 0..a_rest.len() {
+            let other = a_rest[i] - b_rest[i];
+            relative += f64::from(weighted_rest[i] * other);
+            absolute += f64::from(apart_rest[i] * other);
+        }
     }
-    (relative / numbers, absolute / numbers)
+    (relative, absolute)
+}
+
+/// The product of two differences; see [`products`].
+pub fn product(a: [&Image; 2], b: [&Image; 2], reference: &Image) -> (f64, f64) {
+    products(a, &[b], reference)[0]
 }
 
 impl Reference {

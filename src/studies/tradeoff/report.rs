@@ -8,11 +8,8 @@ use serde_json::{Map, Value};
 use super::departures::{self, Decomposition, Products, Reference, ReferenceNoise, by_renders, mean_radiance, widened};
 use super::knobs::{Base, flags, label};
 use crate::film::Image;
-use crate::stats::{Bootstrap, Estimate, median};
+use crate::stats::{Bootstrap, Estimate, TOO_FEW_ROUNDS, median};
 use crate::studies::{Configuration, Measurement, SceneFacts};
-
-/// Fewest renders of a point that a knob is judged by.
-const ENOUGH_RENDERS: usize = 3;
 
 /// A sweep and what came of it.
 #[derive(Debug, Clone, Serialize)]
@@ -47,7 +44,14 @@ pub struct TradeoffReport {
     #[serde(skip)]
     pub(super) bootstrap: Bootstrap,
     #[serde(skip)]
-    pub(super) held_against: Option<Reference>,
+    pub(super) held_against: Option<Held>,
+}
+
+/// The reference and its mean radiance, over pixels and channels.
+#[derive(Debug, Clone)]
+pub(super) struct Held {
+    pub reference: Reference,
+    pub mean: f64,
 }
 
 /// Why a point is in the sweep.
@@ -165,7 +169,7 @@ impl KnobReport {
 
     /// Whether its bias is surely above none.
     pub fn biased(&self) -> bool {
-        !self.identical && self.bias_squared.low > 0.0
+        !self.identical && self.bias_squared.surely_above(0.0)
     }
 }
 
@@ -181,16 +185,19 @@ pub enum Worth {
     Even,
     /// It surely takes more time to an equal error: other samples do more.
     Never,
+    /// There are no intervals to judge it by.
+    TooFewRounds,
 }
 
 impl Worth {
-    /// A word for tables.
-    pub fn word(self) -> &'static str {
+    /// Words for tables.
+    pub fn words(self) -> &'static str {
         match self {
             Self::Free => "free",
             Self::Trade => "trade",
             Self::Even => "even",
             Self::Never => "never",
+            Self::TooFewRounds => TOO_FEW_ROUNDS,
         }
     }
 }
@@ -248,17 +255,15 @@ impl PointReport {
     }
 
     /// Takes a render.
-    pub(super) fn add(&mut self, seed: u32, measurement: Measurement, image: Image, reference: &Reference) {
+    pub(super) fn add(&mut self, seed: u32, measurement: Measurement, image: Image, held: &Held) {
+        let Held { reference, mean } = held;
         let image = Arc::new(image);
         self.image.get_or_insert_with(|| Arc::clone(&image));
         self.series.images.push(Arc::clone(&image));
         let own = [&*image, &*reference.image];
-        let row = self
-            .series
-            .images
-            .iter()
-            .map(|other| departures::product(own, [other, &reference.image], &reference.image));
-        let (relative, absolute): (Vec<f64>, Vec<f64>) = row.unzip();
+        let others: Vec<[&Image; 2]> = self.series.images.iter().map(|other| [&**other, &*reference.image]).collect();
+        let row = departures::products(own, &others, &reference.image);
+        let (relative, absolute): (Vec<f64>, Vec<f64>) = row.into_iter().unzip();
         self.nonfinite_samples += measurement.nonfinite_samples;
         self.runs.push(PointRun {
             seed,
@@ -266,7 +271,7 @@ impl PointReport {
             wall_seconds: measurement.wall_seconds,
             rel_mse: relative.last().copied().unwrap_or(f64::NAN),
             mse: absolute.last().copied().unwrap_or(f64::NAN),
-            mean_error: mean_radiance(&image) - mean_radiance(&reference.image),
+            mean_error: mean_radiance(&image) - mean,
         });
         self.series.relative.push(relative);
         self.series.absolute.push(absolute);
@@ -277,7 +282,7 @@ impl PointReport {
         self.runs.iter().map(clock).collect()
     }
 
-    fn analyse(&mut self, reference: &Reference, bootstrap: &Bootstrap) {
+    fn analyse(&mut self, Held { reference, mean }: &Held, bootstrap: &Bootstrap) {
         if self.runs.len() < 2 {
             return;
         }
@@ -287,7 +292,6 @@ impl PointReport {
         self.rel_mse = Decomposition::of(&self.series.relative, relative, uncertainty, bootstrap);
         let (absolute, absolute_uncertainty) = reference.absolute_noise();
         self.mse = Decomposition::of(&self.series.absolute, absolute, absolute_uncertainty, bootstrap);
-        let mean = mean_radiance(&reference.image);
         let errors: Vec<f64> = self.runs.iter().map(|run| run.mean_error / mean).collect();
         let own_error = reference.noise.map_or(0.0, |noise| noise.mean_standard_error / mean);
         let error = bootstrap.estimate([&errors], |[errors]| crate::stats::mean(errors));
@@ -309,7 +313,7 @@ fn weighted_median(values: &[f64], weights: &[f64]) -> f64 {
 impl TradeoffReport {
     /// The reference's image, once there is one.
     pub fn reference_image(&self) -> Option<&Arc<Image>> {
-        self.held_against.as_ref().map(|reference| &reference.image)
+        self.held_against.as_ref().map(|held| &held.reference.image)
     }
 
     pub(super) fn point(&self, configuration: &Configuration) -> Option<usize> {
@@ -319,10 +323,10 @@ impl TradeoffReport {
     /// Computes everything that follows from the renders; `turned` lists points with one knob turned, as place,
     /// factor, level and the base's level.
     pub(super) fn analyse(&mut self, turned: &[(usize, &'static str, String, String)], target: Option<f64>) {
-        let Some(reference) = self.held_against.clone() else { return };
+        let Some(held) = self.held_against.clone() else { return };
         let bootstrap = self.bootstrap;
         for point in &mut self.points {
-            point.analyse(&reference, &bootstrap);
+            point.analyse(&held, &bootstrap);
         }
         let costs = |point: &PointReport| {
             let (seconds, error) = (point.seconds.as_ref()?.value, point.rel_mse.as_ref()?.total.value);
@@ -333,11 +337,11 @@ impl TradeoffReport {
         for (i, point) in self.points.iter_mut().enumerate() {
             point.on_front = self.front.contains(&i);
         }
-        self.judge_knobs(turned, &reference);
+        self.judge_knobs(turned, &held);
         self.target = target.map(|wanted| self.answer(wanted));
     }
 
-    fn judge_knobs(&mut self, turned: &[(usize, &'static str, String, String)], reference: &Reference) {
+    fn judge_knobs(&mut self, turned: &[(usize, &'static str, String, String)], held: &Held) {
         self.knobs.clear();
         if self.points.is_empty() {
             return;
@@ -346,9 +350,9 @@ impl TradeoffReport {
         let base = &base[0];
         for (i, factor, level, base_level) in turned {
             let point = &mut others[i - 1];
-            point.pair_with(base, reference);
+            point.pair_with(base, &held.reference);
             if point.failed.is_none() {
-                let judged = point.judge(base, reference, &self.bootstrap, (*factor, level, base_level));
+                let judged = point.judge(base, held, &self.bootstrap, (*factor, level, base_level));
                 self.knobs.extend(judged);
             }
         }
@@ -424,22 +428,20 @@ impl PointReport {
         let common = self.series.images.len().min(base.series.images.len());
         for k in self.series.from_base.len()..common {
             let apart = |k: usize| [&*self.series.images[k], &*base.series.images[k]];
-            let row = (0..=k).map(|l| departures::product(apart(k), apart(l), &reference.image).0).collect();
-            self.series.from_base.push(row);
+            let others: Vec<[&Image; 2]> = (0..=k).map(apart).collect();
+            let row = departures::products(apart(k), &others, &reference.image);
+            self.series.from_base.push(row.into_iter().map(|(relative, _)| relative).collect());
         }
     }
 
     fn judge(
         &self,
         base: &Self,
-        reference: &Reference,
+        held: &Held,
         bootstrap: &Bootstrap,
         (factor, level, base_level): (&'static str, &str, &str),
     ) -> Option<KnobReport> {
         let common = self.series.from_base.len();
-        if common < ENOUGH_RENDERS {
-            return None;
-        }
         let (times, base_times) = (&self.times()[..common], &base.times()[..common]);
         let time = |weights: &[f64]| weighted_median(times, weights) / weighted_median(base_times, weights);
         let identical = (0..common).all(|k| self.series.from_base.square(k) == 0.0);
@@ -447,11 +449,10 @@ impl PointReport {
             let variances = self.series.relative.variance(weights) / base.series.relative.variance(weights);
             if identical { time(weights) } else { time(weights) * variances }
         };
-        let (time_ratio, cost_ratio) = (by_renders(common, bootstrap, time), by_renders(common, bootstrap, cost));
         let bias = Decomposition::of(&self.series.from_base, 0.0, 0.0, bootstrap)?;
-        let mean = mean_radiance(&reference.image);
-        let shifts: Vec<f64> =
-            (self.runs.iter().zip(&base.runs)).map(|(own, base)| (own.mean_error - base.mean_error) / mean).collect();
+        let (time_ratio, cost_ratio) = (by_renders(common, bootstrap, time), by_renders(common, bootstrap, cost));
+        let shift = |(own, base): (&PointRun, &PointRun)| (own.mean_error - base.mean_error) / held.mean;
+        let shifts: Vec<f64> = self.runs.iter().zip(&base.runs).map(shift).collect();
         let mean_shift = bootstrap.estimate([&shifts], |[shifts]| crate::stats::mean(shifts));
         let mut knob = KnobReport {
             factor,
@@ -466,11 +467,13 @@ impl PointReport {
             equal_error_ratio: None,
             pays_above: None,
         };
+        let (less, more) = (knob.cost_ratio.surely_below(1.0), knob.cost_ratio.surely_above(1.0));
         knob.worth = match knob.biased() {
-            true if knob.cost_ratio.high < 1.0 => Worth::Trade,
+            _ if knob.cost_ratio.interval.is_none() => Worth::TooFewRounds,
+            true if less => Worth::Trade,
             true if knob.cost_ratio.value >= 1.0 => Worth::Never,
-            _ if knob.cost_ratio.low > 1.0 => Worth::Never,
-            false if knob.cost_ratio.high < 1.0 => Worth::Free,
+            _ if more => Worth::Never,
+            false if less => Worth::Free,
             _ => Worth::Even,
         };
         let pays_above = knob.bias_squared.value / (1.0 - knob.cost_ratio.value);

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use super::departures::{Reference, ReferenceSum, mean_radiance};
 use super::knobs::{Base, KNOBS, exact, label};
-use super::report::{KnobReport, PointReport, Stage, TradeoffReport, Worth};
+use super::report::{Held, KnobReport, PointReport, Stage, TradeoffReport, Worth};
 use crate::stats::{Bootstrap, SplitMix64};
 use crate::studies::{Configuration, Measurement, Purpose, Renderer, SceneFacts, StudyError, shuffle};
 
@@ -166,7 +166,7 @@ impl Run<'_> {
         base.mean_radiance = mean_radiance(&reference.image);
         self.report.reference.clone_from(&reference.origin);
         self.report.reference_noise = reference.noise;
-        self.report.held_against = Some(reference);
+        self.report.held_against = Some(Held { reference, mean: base.mean_radiance });
 
         self.choose_samples(&base);
         self.turn_knobs(&base);
@@ -225,7 +225,7 @@ impl Run<'_> {
             image_bytes: 0,
         };
         let _ = (self.listen)(SweepEvent::Planned(&plan));
-        let mut sum = ReferenceSum::default();
+        let (mut sum, mut next_look) = (ReferenceSum::default(), FEWEST_REFERENCES);
         let begin = self.spent;
         loop {
             if (self.listen)(SweepEvent::Rendering { label: "reference", round: None }).is_break() {
@@ -239,15 +239,18 @@ impl Run<'_> {
             };
             let rendered = self.renderer.run(&configuration, Purpose::Seeded(seed));
             let measurement = rendered.map_err(|cause| broken(cause.to_string()))?;
-            self.spent += measurement.wall_seconds;
+            self.spent += measurement.seconds_spent();
             let image = measurement.image.ok_or_else(|| broken("the renderer made no image".to_owned()))?;
             sum.add(&image);
-            if sum.renders() < FEWEST_REFERENCES {
+            // To look at the noise takes as long as some renders do.
+            let over = self.spent - begin >= allowed;
+            if sum.renders() < next_look && !(over && sum.renders() >= FEWEST_REFERENCES) {
                 continue;
             }
+            next_look = sum.renders() + sum.renders().div_ceil(8);
             let reference = sum.reference(samples.into());
             let good = reference.noise.is_some_and(|noise| noise.relative_variance <= self.sweep.reference_error);
-            if good || self.spent - begin >= allowed {
+            if good || over {
                 keeper.store(&self.report.facts, base, &reference);
                 return Ok(Some(reference));
             }
@@ -289,7 +292,7 @@ impl Run<'_> {
         // What is biased must be worth it with more samples too.
         let wanted = self.sweep.target.unwrap_or(FINER * error);
         let buys = |knob: &KnobReport| {
-            knob.time_to(wanted).filter(|ratio| *ratio < PROMISING && knob.cost_ratio.high < HARDLY_WORSE)
+            knob.time_to(wanted).filter(|ratio| *ratio < PROMISING && knob.cost_ratio.surely_below(HARDLY_WORSE))
         };
         let best = |biased: bool| {
             let mut best: Vec<(&KnobReport, f64)> = Vec::new();
@@ -393,27 +396,36 @@ impl Run<'_> {
         let mut order: Vec<usize> =
             points.iter().copied().filter(|i| self.report.points[*i].failed.is_none()).collect();
         shuffle(&mut order, &mut self.random);
+        // All points have the same seeds, so that they can be held against each other render by render.
+        let seed = round as u32;
+        let mut progress = ControlFlow::Continue(());
+        let mut renders = Vec::new();
         for i in order {
             let label = self.report.points[i].full_label();
-            (self.listen)(SweepEvent::Rendering { label: &label, round: Some(round) })?;
-            // All points have the same seeds, so that they can be held against each other render by render.
-            let seed = round as u32;
+            progress = (self.listen)(SweepEvent::Rendering { label: &label, round: Some(round) });
+            if progress.is_break() {
+                break;
+            }
             let rendered = self.renderer.run(&self.report.points[i].configuration, Purpose::Seeded(seed));
-            self.take(i, seed, rendered.map_err(|cause| cause.to_string()));
+            renders.push((i, rendered.map_err(|cause| cause.to_string())));
         }
-        ControlFlow::Continue(())
+        // The device would rest while images are held against the reference, so that waits for the round's end.
+        for (i, rendered) in renders {
+            self.take(i, seed, rendered);
+        }
+        progress
     }
 
     fn take(&mut self, i: usize, seed: u32, rendered: Result<Measurement, String>) {
-        let reference = self.report.held_against.as_ref().expect("a stage has a reference");
+        let held = self.report.held_against.as_ref().expect("a stage has a reference");
         let point = &mut self.report.points[i];
         match rendered {
             Err(cause) => point.failed = Some(cause),
             Ok(mut measurement) => {
-                self.spent += measurement.wall_seconds;
+                self.spent += measurement.seconds_spent();
                 match measurement.image.take() {
                     None => point.failed = Some("the renderer made no image".to_owned()),
-                    Some(image) => point.add(seed, measurement, image, reference),
+                    Some(image) => point.add(seed, measurement, image, held),
                 }
             }
         }

@@ -1,0 +1,133 @@
+//! Where the self-test's kernels run.
+
+use bytemuck::Pod;
+
+use crate::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription, GpuError};
+use crate::layout::Batch;
+use crate::recording::Recording;
+use crate::render::{Defaults, Fetch};
+use crate::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Kernel, Variant};
+
+include!(concat!(env!("OUT_DIR"), "/selftest.rs"));
+
+/// Kernels of functions that renders call, in the arithmetic of renders.
+const OWN_FUNCTIONS: [&str; 3] = ["conversions", "edges", "elementary"];
+
+/// A device, ready to be asked.
+pub struct Bench<'a> {
+    /// What is tested.
+    pub(super) device: &'a Device,
+    /// Of millions of cases one of so many is tried.
+    thinned: u32,
+    /// What becomes of a kernel's answers.
+    fault: fn(&str, &mut [u8]),
+}
+
+/// The kernel of that name.
+pub fn kernel(name: &str) -> &'static Kernel {
+    SELFTEST.iter().find(|kernel| kernel.name == name).expect("checks name kernels that exist")
+}
+
+/// A launch over `count` invocations: what [`Batch`] tells the kernels of `shaders/selftest`.
+pub fn launch(count: u32) -> Batch {
+    Batch {
+        first_pixel: 0,
+        pixel_count: count,
+        first_sample: 0,
+        sample_count: 1,
+        bounce: 0,
+        film_pixel: 0,
+        first_slot: 0,
+    }
+}
+
+/// A buffer that kernels read and write.
+pub fn state<'a>(name: &'static str, size: usize, contents: Option<&'a [u8]>) -> BufferRole<'a> {
+    BufferRole { name, usage: BufferUse::State, size: size.max(16) as u64, contents }
+}
+
+impl<'a> Bench<'a> {
+    /// A bench on that device.
+    pub fn new(device: &'a Device) -> Self {
+        Self { device, thinned: 1, fault: |_, _| () }
+    }
+
+    /// Tries one of `by` cases where they are millions: for tests on a slow device.
+    pub fn thinned(self, by: u32) -> Self {
+        Self { thinned: by, ..self }
+    }
+
+    /// Has answers changed before they are judged, by the name of their kernel: a broken device, to test the checks by.
+    pub fn with_fault(self, fault: fn(&str, &mut [u8])) -> Self {
+        Self { fault, ..self }
+    }
+
+    /// Of millions of cases those that are tried.
+    pub fn part_of(&self, cases: u32) -> u32 {
+        cases / self.thinned
+    }
+
+    /// Invocations of a workgroup.
+    pub fn workgroup_size(&self) -> u32 {
+        self.device.description().max_workgroup_size.min(256)
+    }
+
+    /// Kernels and their buffers.
+    pub fn open(&self, names: &[&str], buffers: Vec<BufferRole<'_>>) -> Result<Executor, GpuError> {
+        self.open_specialized(names, buffers, &[self.workgroup_size()])
+    }
+
+    /// As [`Bench::open`], with specialization constants by id.
+    pub fn open_specialized(
+        &self,
+        names: &[&str],
+        buffers: Vec<BufferRole<'_>>,
+        specialization: &[u32],
+    ) -> Result<Executor, GpuError> {
+        let kernels: Vec<_> = names.iter().map(|name| kernel(name)).collect();
+        let defaults = Defaults::of(self.device)?;
+        // What the driver itself does is asked of all but the renderer's own functions.
+        let is_own = names.iter().all(|name| OWN_FUNCTIONS.contains(name));
+        let description = ExecutorDescription {
+            kernels: &kernels,
+            specialization,
+            buffers,
+            access: Access { texel_fetch: defaults.fetch == Fetch::Texel, subgroup_ballot: true },
+            edition: Edition::Plain,
+            arithmetic: if is_own { Arithmetic::Portable(defaults.forms) } else { Arithmetic::Native },
+            driver: None,
+        };
+        Executor::new(self.device, description)
+    }
+
+    /// Runs a recording and takes what its kernel answered.
+    pub fn run<A: Pod>(&self, executor: &mut Executor, kernel: &str, work: &Recording) -> Result<Vec<A>, GpuError> {
+        executor.submit(work)?;
+        let mut bytes = executor.read("answers")?;
+        (self.fault)(kernel, &mut bytes);
+        Ok(bytemuck::pod_collect_to_vec(&bytes))
+    }
+
+    /// What a kernel answers, which has room for as many as `size` bytes of zeros, in one launch.
+    pub fn launch<A: Pod>(&self, name: &'static str, size: usize, batch: Batch) -> Result<Vec<A>, GpuError> {
+        let mut executor = self.open(&[name], vec![state("answers", size, None)])?;
+        let mut work = Recording::default();
+        work.dispatch(name, batch.pixel_count.div_ceil(self.workgroup_size()), batch);
+        self.run(&mut executor, name, &work)
+    }
+
+    /// What a kernel that is a function answers to each case; `function` says which, where it has several.
+    pub fn ask<C: Pod, A: Pod>(&self, name: &'static str, function: u32, cases: &[C]) -> Result<Vec<A>, GpuError> {
+        let bytes = bytemuck::cast_slice(cases);
+        let buffers =
+            vec![state("cases", bytes.len(), Some(bytes)), state("answers", size_of::<A>() * cases.len(), None)];
+        let mut executor = self.open(&[name], buffers)?;
+        let batch = Batch { bounce: function, ..launch(cases.len() as u32) };
+        let mut work = Recording::default();
+        work.dispatch(name, batch.pixel_count.div_ceil(self.workgroup_size()), batch);
+        let mut answers = self.run(&mut executor, name, &work)?;
+        // A buffer has sixteen bytes at least.
+        answers.truncate(cases.len());
+        Ok(answers)
+    }
+}

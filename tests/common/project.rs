@@ -1,0 +1,25 @@
+//! Where the project's files and its program are: where cargo had them at build time or, in tests that were carried to
+//! another machine, in the folder that `RAYWAVE_PROJECT` names.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use std::path::{Path, PathBuf};
+
+/// The folder of tests that were carried away (`bundle/run-tests`).
+fn carried() -> Option<PathBuf> {
+    std::env::var_os("RAYWAVE_PROJECT").map(PathBuf::from)
+}
+
+/// A file of the project, by its path from the project's folder.
+pub fn project_file(path: &str) -> PathBuf {
+    carried().unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).to_path_buf()).join(path)
+}
+
+/// The program that is tested.
+pub fn program() -> PathBuf {
+    carried().map_or_else(|| PathBuf::from(env!("CARGO_BIN_EXE_raywave")), |folder| folder.join("raywave"))
+}
+
+/// A folder, perhaps not yet made, for what a failed test leaves to be looked at.
+pub fn output_folder() -> PathBuf {
+    carried().map_or_else(|| PathBuf::from(env!("CARGO_TARGET_TMPDIR")), |folder| folder.join("test-output"))
+}
