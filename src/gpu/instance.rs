@@ -357,9 +357,10 @@ impl Instance {
             subgroup_size: subgroup.subgroup_size,
             promises: Promises {
                 reconvergence,
-                special_values: floats.shader_signed_zero_inf_nan_preserve_float32 != 0,
-                nearest_rounding: floats.shader_rounding_mode_rte_float32 != 0,
-                flushes_subnormals: floats.shader_denorm_flush_to_zero_float32 != 0,
+                // Software keeps to all of that unasked, and lavapipe's kernels are slower where it is asked.
+                special_values: !is_software && floats.shader_signed_zero_inf_nan_preserve_float32 != 0,
+                nearest_rounding: !is_software && floats.shader_rounding_mode_rte_float32 != 0,
+                flushes_subnormals: !is_software && floats.shader_denorm_flush_to_zero_float32 != 0,
             },
             subgroup_size_varies: self.subgroup_size_varies(raw, has),
             subgroup_ballot: (is_software || reconvergence.is_some())
