@@ -61,7 +61,7 @@ const FORMS: [(&str, &str, &str); 4] = [
 /// Where the kernels' own functions lie, and then what the self-test's kernels share, and probes.
 const INCLUDES: [&str; 3] = ["shaders/include", SELFTEST, PROBES];
 
-/// The folder of the self-test's kernels, which need the exact edition alone.
+/// The folder of the self-test's kernels, which need the plain edition alone.
 const SELFTEST: &str = "shaders/selftest";
 
 /// The probes' folder. A packaged source need not have it.
@@ -199,12 +199,8 @@ fn compile_libraries(out: &Path) -> Result<[(Library, String); 2], String> {
     let compile = |name: &str, path: &str| -> Result<(Library, String), String> {
         // A packaged source need not have the tests'.
         let source = fs::read_to_string(path).unwrap_or_else(|_| "#version 460\nvoid main() {}\n".to_owned());
-        let mut options = shaderc::CompileOptions::new().expect("shaderc options start");
-        options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
         // The optimizer would leave no function.
-        options.set_optimization_level(shaderc::OptimizationLevel::Zero);
-        options.set_generate_debug_info();
-        options.set_warnings_as_errors();
+        let options = compile_options(shaderc::OptimizationLevel::Zero);
         let artifact = compiler
             .compile_into_spirv(&source, shaderc::ShaderKind::Compute, path, "main", Some(&options))
             .map_err(|error| error.to_string())?;
@@ -275,6 +271,16 @@ fn counts_invocations_without_the_constant(module: &Module) -> bool {
     code().any(|i| names(i, &groups)) && !code().any(|i| names(i, &size))
 }
 
+fn compile_options(level: shaderc::OptimizationLevel) -> shaderc::CompileOptions<'static> {
+    let mut options = shaderc::CompileOptions::new().expect("shaderc options start");
+    options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
+    options.set_optimization_level(level);
+    // Keeps the names that libraries are searched by, and that the reflection and the layout tests read.
+    options.set_generate_debug_info();
+    options.set_warnings_as_errors();
+    options
+}
+
 /// Compiles one variant of a kernel.
 fn compile(
     compiler: &shaderc::Compiler,
@@ -284,12 +290,7 @@ fn compile(
     macros: &[&str],
 ) -> Result<Module, String> {
     let path = path.to_string_lossy();
-    let mut options = shaderc::CompileOptions::new().expect("shaderc options start");
-    options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
-    options.set_optimization_level(shaderc::OptimizationLevel::Performance);
-    // Keeps the names that the reflection and the layout tests read.
-    options.set_generate_debug_info();
-    options.set_warnings_as_errors();
+    let mut options = compile_options(shaderc::OptimizationLevel::Performance);
     let counting = (edition == Edition::Counting).then_some("COUNTING");
     for name in macros.iter().copied().chain(counting) {
         options.add_macro_definition(name, Some("1"));

@@ -10,10 +10,10 @@ use std::ops::ControlFlow;
 
 use common::not_tested::not_tested;
 use common::probe::hostile;
-use common::{assert_silent, device, gallery, is_swiftshader, own_scene, project_file, tries};
+use common::{assert_silent, device, gallery, is_swiftshader, own_scene, prepare, project_file, tries};
 use raywave::bvh::{BvhKind, MAX_LISTED};
 use raywave::gpu::Device;
-use raywave::render::{Defaults, Numerics, PreparedScene, Scheduler, Session, SessionOptions, Settings};
+use raywave::render::{Numerics, Scheduler, Session, SessionOptions, Settings};
 use raywave::scene::{Integrator, Sampler, Scene};
 use raywave::shaders::Forms;
 use serde::{Deserialize, Serialize};
@@ -59,8 +59,7 @@ fn load(name: &str) -> Scene {
 }
 
 fn render(device: &Device, scene: &Scene, settings: &Settings, options: SessionOptions) -> String {
-    let prepared =
-        PreparedScene::for_device(scene, settings, &Defaults::of(device).expect("it is measured")).expect("it fits");
+    let prepared = prepare(device, scene, settings);
     let mut session = Session::with_options(device, &prepared, settings, options).expect("the session starts");
     let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
     drop(session);

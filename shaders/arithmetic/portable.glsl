@@ -5,7 +5,8 @@
 // (src/shaders/link.rs): a function `portable_NAME` stands for the operation NAME of its operands' types, and one
 // whose name goes on with `_by_fma` or `_by_integers` is the form for devices that can, or cannot, fuse.
 //
-// Parameters are `const`, so that they are passed by value.
+// Parameters are `const`, so that they are passed by value. Selections stand for branches: functions that are called a
+// hundred times in a kernel take SwiftShader's compiler three times as long with branches in them.
 #version 460
 
 const uint SIGN = 0x80000000u;
@@ -18,7 +19,7 @@ const float SMALLEST_FUSED = 8.8817842e-16;  // 2^-50
 const float LARGEST_FUSED = 1.1529215e18;    // 2^60
 
 // What a number's bits are once a subnormal one has become a zero of its sign.
-uint flushed(const uint bits) { return (bits & INFINITE) == 0u ? bits & SIGN : bits; }
+uint flushed(const uint bits) { return mix(bits, bits & SIGN, (bits & INFINITE) == 0u); }
 
 // Quotient and remainder of a division of integers of which the quotient is near `guess`: nothing is rounded modulo
 // 2^32, and the remainder is small enough to be told by its lowest 32 bits.
@@ -53,15 +54,17 @@ float portable_divide_by_integers(const float a, const float b) {
     uint remainder;
     uint quotient = quotient_by_guess(dividend << (below ? 24u : 23u), divisor, guess, remainder);
     uint twice = 2u * remainder;
-    quotient += twice > divisor || (twice == divisor && (quotient & 1u) != 0u) ? 1u : 0u;
+    quotient += uint(twice + (quotient & 1u) > divisor);
     int exponent = int(x >> 23) - int(y >> 23) + (below ? 126 : 127);
     // A carry out of the mantissa is one into the exponent.
     int rounded = exponent * int(LEADING_BIT) + int(quotient - LEADING_BIT);
-    uint result = exponent > 254 ? INFINITE : rounded < int(LEADING_BIT) ? 0u : uint(rounded);
-    result = x == 0u || y == INFINITE ? 0u : result;
-    result = y == 0u || x == INFINITE ? INFINITE : result;
-    bool none = x > INFINITE || y > INFINITE || (x == 0u && y == 0u) || (x == INFINITE && y == INFINITE);
-    return uintBitsToFloat(none ? NOT_A_NUMBER : result | sign);
+    uint result = mix(uint(rounded), 0u, rounded < int(LEADING_BIT));
+    result = mix(result, INFINITE, exponent > 254);
+    bool zero = any(equal(uvec2(x, y), uvec2(0u, INFINITE)));
+    bool infinite = any(equal(uvec2(x, y), uvec2(INFINITE, 0u)));
+    bool none = any(greaterThan(uvec2(x, y), uvec2(INFINITE)));
+    result = mix(mix(result, 0u, zero), INFINITE, infinite) | sign;
+    return uintBitsToFloat(mix(mix(result, NOT_A_NUMBER, zero && infinite), NOT_A_NUMBER, none));
 }
 
 bool is_within(const float x) { return abs(x) >= SMALLEST_FUSED && abs(x) <= LARGEST_FUSED; }
@@ -84,14 +87,15 @@ float portable_divide_by_fma(const float a, const float b) {
     return result;
 }
 
-float portable_reciprocal_by_integers(const float b) { return portable_divide_by_integers(1.0, b); }
+// Of a dividend that is 1.
+float portable_reciprocal_by_integers(const float one, const float b) { return portable_divide_by_integers(one, b); }
 
-float portable_reciprocal_by_fma(const float b) {
+float portable_reciprocal_by_fma(const float one, const float b) {
     float guess = 1.0 / b;
     float reciprocal = fma(fma(-b, guess, 1.0), guess, guess);
     float result = fma(fma(-b, reciprocal, 1.0), reciprocal, reciprocal);
     if (!has_fused_reciprocal(b)) {
-        result = portable_divide_by_integers(1.0, b);
+        result = portable_divide_by_integers(one, b);
     }
     return result;
 }
@@ -117,9 +121,9 @@ float portable_root_by_integers(const float a) {
     // Half a unit above the root is its square and its remainder and a quarter: there is no tie.
     root += rest > int(root) ? 1u : 0u;
     uint result = uint(((exponent >> 1) + 127) * int(LEADING_BIT)) + (root - LEADING_BIT);
-    bool none = (x & ~SIGN) > INFINITE || (x > SIGN);
-    result = (x & ~SIGN) == 0u || x == INFINITE ? x : result;
-    return uintBitsToFloat(none ? NOT_A_NUMBER : result);
+    result = mix(mix(result, x, (x & ~SIGN) == 0u), x, x == INFINITE);
+    // Bits above those of an infinity are of no number, or of one below zero.
+    return uintBitsToFloat(mix(result, NOT_A_NUMBER, x > INFINITE && x != SIGN));
 }
 
 // By fused multiplication and addition. (The same, Goldschmidt's iteration with Markstein's last step)
@@ -144,11 +148,11 @@ float portable_root_by_fma(const float a) {
     vec3 portable_divide_##FORM(const vec3 a, const vec3 b) { \
         return vec3(portable_divide_##FORM(a.x, b.x), portable_divide_##FORM(a.y, b.y), portable_divide_##FORM(a.z, b.z)); \
     } \
-    vec2 portable_reciprocal_##FORM(const vec2 b) { \
-        return vec2(portable_reciprocal_##FORM(b.x), portable_reciprocal_##FORM(b.y)); \
+    vec2 portable_reciprocal_##FORM(const vec2 one, const vec2 b) { \
+        return vec2(portable_reciprocal_##FORM(one.x, b.x), portable_reciprocal_##FORM(one.y, b.y)); \
     } \
-    vec3 portable_reciprocal_##FORM(const vec3 b) { \
-        return vec3(portable_reciprocal_##FORM(b.x), portable_reciprocal_##FORM(b.y), portable_reciprocal_##FORM(b.z)); \
+    vec3 portable_reciprocal_##FORM(const vec3 one, const vec3 b) { \
+        return vec3(portable_reciprocal_##FORM(one.xy, b.xy), portable_reciprocal_##FORM(one.z, b.z)); \
     }
 VECTORS_OF_DIVISION(by_integers)
 VECTORS_OF_DIVISION(by_fma)
@@ -200,8 +204,8 @@ bvec3 portable_is_inf(const vec3 a) { return equal(floatBitsToUint(a) & ~SIGN, u
 float of_half(const uint bits) {
     uint magnitude = bits & 0x7fffu;
     uint above = magnitude << 13;
-    uint normal = magnitude >= 0x7c00u ? above | INFINITE : above + 0x38000000u;
-    float value = magnitude < 0x400u ? float(magnitude) * 5.9604645e-8 : uintBitsToFloat(normal);
+    uint normal = mix(above + 0x38000000u, above | INFINITE, magnitude >= 0x7c00u);
+    float value = mix(uintBitsToFloat(normal), float(magnitude) * 5.9604645e-8, magnitude < 0x400u);
     return uintBitsToFloat(floatBitsToUint(value) | (bits & 0x8000u) << 16);
 }
 
@@ -215,9 +219,9 @@ uint to_half(const float a) {
     // Below 2^-14 a half's last bit is 2^-24, which is the last bit of a float of [1/2, 1): the sum rounds there.
     uint small = floatBitsToUint(uintBitsToFloat(min(magnitude, 0x38800000u)) + 0.5) - 0x3f000000u;
     uint rounded = (magnitude - 0x38000000u + 0xfffu + (magnitude >> 13 & 1u)) >> 13;
-    uint half_bits = magnitude < 0x38800000u ? small : min(rounded, 0x7c00u);
-    half_bits = magnitude > INFINITE ? 0x7e00u : magnitude >= 0x47800000u ? 0x7c00u : half_bits;
-    return half_bits | sign;
+    uint finite = mix(min(rounded, 0x7c00u), small, magnitude < 0x38800000u);
+    uint infinite = mix(0x7c00u, 0x7e00u, magnitude > INFINITE);
+    return mix(finite, infinite, magnitude >= 0x47800000u) | sign;
 }
 
 uint portable_pack_half(const vec2 a) { return to_half(a.x) | to_half(a.y) << 16; }
@@ -237,7 +241,7 @@ void main() {
     vec4 d = vec4(a);
 #define CALL_DIVISION(FORM) \
     portable_divide_##FORM(a, a); portable_divide_##FORM(b, b); portable_divide_##FORM(c, c); \
-    portable_reciprocal_##FORM(a); portable_reciprocal_##FORM(b); portable_reciprocal_##FORM(c); portable_root_##FORM(a);
+    portable_reciprocal_##FORM(a, a); portable_reciprocal_##FORM(b, b); portable_reciprocal_##FORM(c, c); portable_root_##FORM(a);
     CALL_DIVISION(by_integers)
     CALL_DIVISION(by_fma)
     portable_dot(b, b); portable_dot(c, c); portable_dot(d, d); portable_cross(c, c); portable_length(b); portable_length(c);

@@ -2,8 +2,7 @@
 // Threads: one a pair of operands, in whole workgroups. Reads: operands. Writes: results.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#include "constants.glsl"
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
+#include "workgroup.glsl"
 
 struct Results {
     float quotient;

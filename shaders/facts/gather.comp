@@ -3,8 +3,7 @@
 // Threads: INVOCATIONS, in whole workgroups. Reads: nodes and links, which hold the same. Writes: ends.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#include "constants.glsl"
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
+#include "workgroup.glsl"
 #include "bindings_scene.glsl"
 #include "bindings_path.glsl"
 

@@ -3,9 +3,7 @@
 // The batch of a launch says which invocations have work, pixel_count of them, and what they are to do, bounce.
 #ifndef CHECK_GLSL
 #define CHECK_GLSL
-#include "constants.glsl"
-
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
+#include "workgroup.glsl"
 
 #include "bindings_path.glsl"
 #include "random.glsl"

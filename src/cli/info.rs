@@ -11,6 +11,7 @@ use super::picture::{PictureArguments, bvh_name, scheduler_name};
 use super::{compiled, load_scene, print, readable_bytes};
 use crate::bvh::Bvh;
 use crate::facts::{self, Facts};
+use crate::gpu::Device;
 use crate::render::{Defaults, FeatureCost, Footprint, PreparedScene, Session, Settings, feature_costs};
 use crate::scene::Scene;
 
@@ -38,7 +39,11 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
     let prepared = PreparedScene::for_device(&scene, &settings, &defaults)?;
     let report = Report { scene: &scene, prepared: &prepared, settings, device: device.as_ref(), defaults };
     let compiled = if arguments.compiled {
-        let device = arguments.picture.open_device()?;
+        let device = match &device {
+            Some(known) => known.device.clone(),
+            // Says why there is none.
+            None => arguments.picture.open_device()?,
+        };
         let session = Session::new(&device, &prepared, &settings)?;
         Some((session.compiled_kernels()?, device, session.workgroup_size()))
     } else {
@@ -58,8 +63,7 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
 
 /// The device that a render would take, measured where it never was.
 struct KnownDevice {
-    name: String,
-    driver: String,
+    device: Device,
     facts: Arc<Facts>,
     defaults: Defaults,
 }
@@ -71,13 +75,7 @@ fn device(arguments: &InfoArguments) -> anyhow::Result<Option<KnownDevice>> {
         Err(error) if arguments.picture.device().is_some() => return Err(error),
         Err(_) => return Ok(None),
     };
-    let description = device.description();
-    Ok(Some(KnownDevice {
-        name: description.name.clone(),
-        driver: description.driver.clone(),
-        facts: facts::of(&device)?,
-        defaults: Defaults::of(&device)?,
-    }))
+    Ok(Some(KnownDevice { facts: facts::of(&device)?, defaults: Defaults::of(&device)?, device }))
 }
 
 impl KnownDevice {
@@ -98,8 +96,8 @@ impl KnownDevice {
             (false, false) => "kept",
         };
         let mut text = String::new();
-        writeln!(text, "\ndevice           {}", self.name)?;
-        writeln!(text, "driver           {}", self.driver)?;
+        writeln!(text, "\ndevice           {}", self.device.description().name)?;
+        writeln!(text, "driver           {}", self.device.description().driver)?;
         writeln!(text, "16-byte fetch    {texel_ns:.2} ns by texel, {storage_ns:.2} ns from a storage buffer")?;
         writeln!(text, "launch           {:.1} us", launch_seconds * 1e6)?;
         writeln!(text, "loop limit       {limit}")?;
@@ -251,8 +249,8 @@ impl Report<'_> {
             "features": features,
             "specialized": footprint(&own),
             "unspecialized": footprint(&any),
-            "device": device.map(|device| &device.name),
-            "driver": device.map(|device| &device.driver),
+            "device": device.map(|known| &known.device.description().name),
+            "driver": device.map(|known| &known.device.description().driver),
             "device_facts": device.map(|device| &*device.facts),
         })
     }

@@ -102,7 +102,7 @@ impl FigureValue {
 /// Compiles kernels in pipelines of their own and asks the driver about them. `None` where it has no answers.
 pub(super) fn compiled_kernels(
     shared: &Arc<Shared>,
-    kernels: Vec<(&'static str, Specialized)>,
+    kernels: &[(&'static str, Specialized)],
     specialization: &[u32],
 ) -> Result<Option<Vec<CompiledKernel>>, GpuError> {
     if !shared.description.tells_executables {

@@ -175,7 +175,7 @@ impl Executor {
         let access = Access { texel_fetch, ..access };
 
         let start = Instant::now();
-        let pipelines = Pipelines::new(shared, kernels.clone(), description.specialization)?;
+        let pipelines = Pipelines::new(shared, &kernels, description.specialization)?;
         let pipelines_time = start.elapsed();
         let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let staging = Buffer::new(shared, "staging", staging_bytes, transfer, MemoryLocation::CpuToGpu)?;
@@ -279,7 +279,7 @@ impl Executor {
     /// # Errors
     /// When a kernel cannot be built.
     pub fn compiled_kernels(&self) -> Result<Option<Vec<CompiledKernel>>, GpuError> {
-        compiled_kernels(&self.device, self.kernels.clone(), &self.specialization)
+        compiled_kernels(&self.device, &self.kernels, &self.specialization)
     }
 
     /// Instructions of each kernel's SPIR-V that can run, by name.

@@ -39,7 +39,7 @@ impl Pipelines {
     /// Builds kernels by name. `specialization[i]` is the constant of id `i`.
     pub fn new(
         device: &Arc<Shared>,
-        kernels: Vec<(&'static str, Specialized)>,
+        kernels: &[(&'static str, Specialized)],
         specialization: &[u32],
     ) -> Result<Self, GpuError> {
         Self::with_flags(device, kernels, specialization, vk::PipelineCreateFlags::empty())
@@ -48,7 +48,7 @@ impl Pipelines {
     /// As [`Pipelines::new`], for pipelines that the driver is to be asked about.
     pub fn to_be_described(
         device: &Arc<Shared>,
-        kernels: Vec<(&'static str, Specialized)>,
+        kernels: &[(&'static str, Specialized)],
         specialization: &[u32],
     ) -> Result<Self, GpuError> {
         Self::with_flags(device, kernels, specialization, vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR)
@@ -56,7 +56,7 @@ impl Pipelines {
 
     fn with_flags(
         device: &Arc<Shared>,
-        kernels: Vec<(&'static str, Specialized)>,
+        kernels: &[(&'static str, Specialized)],
         specialization: &[u32],
         flags: vk::PipelineCreateFlags,
     ) -> Result<Self, GpuError> {
@@ -69,18 +69,19 @@ impl Pipelines {
             kernels: BTreeMap::new(),
             device: Arc::clone(device),
         };
-        for (_, kernel) in &kernels {
+        for (_, kernel) in kernels {
             pipelines.bindings.extend(kernel.bindings.iter().map(|b| ((b.set, b.binding), *b)));
             pipelines.push_constant_size = pipelines.push_constant_size.max(kernel.push_constant_size);
         }
         pipelines.make_layout()?;
         // Side by side: drivers that compile here take a tenth of a second a kernel and more.
-        let build = |(name, kernel): (&'static str, Specialized)| {
+        let build = |(name, kernel): &(&'static str, Specialized)| {
             let start = ThreadTime::now();
             let pipeline = pipelines.build(name, &kernel.words, specialization);
-            pipeline.map(|pipeline| (name, Built { pipeline, bindings: kernel.bindings, time: start.elapsed() }))
+            let bindings = kernel.bindings.clone();
+            pipeline.map(|pipeline| (*name, Built { pipeline, bindings, time: start.elapsed() }))
         };
-        let built: Vec<_> = kernels.into_par_iter().map(build).collect();
+        let built: Vec<_> = kernels.par_iter().map(build).collect();
         // What was built is dropped with the others where one is not.
         let mut failed = None;
         for kernel in built {

@@ -176,13 +176,9 @@ impl Defaults {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::render::Packets;
-    use crate::scene::Scene;
-
-    /// Software of eight lanes whose loops have a limit, without one, and of four lanes.
-    const LIMITED: Defaults = Defaults {
+impl Defaults {
+    /// Of software with eight lanes, whose loops have a limit.
+    pub(super) const LIMITED_SOFTWARE: Self = Self {
         software: true,
         lanes: 8,
         fetch: Fetch::Texel,
@@ -190,6 +186,16 @@ mod tests {
         loop_turns: Some(65_535),
         memory_bytes: 1 << 31,
     };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::Packets;
+    use crate::scene::Scene;
+
+    /// Software of eight lanes whose loops have a limit, without one, and of four lanes.
+    const LIMITED: Defaults = Defaults::LIMITED_SOFTWARE;
     const UNLIMITED: Defaults = Defaults { loop_turns: None, ..LIMITED };
     const NARROW: Defaults = Defaults { lanes: 4, ..UNLIMITED };
 

@@ -49,7 +49,7 @@ impl Footprint {
     }
 
     fn with(scene: &PreparedScene, settings: &Settings, needs: &Needs, defaults: &Defaults) -> Self {
-        // Of the exact kernels, as most devices take them.
+        // Of the kernels that read texels and have ballots.
         let access = Access { texel_fetch: true, subgroup_ballot: true };
         let paths_per_invocation = settings.paths_per_invocation.unwrap_or(1);
         let workgroup_size = Defaults::WORKGROUP;

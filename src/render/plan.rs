@@ -304,9 +304,8 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Fetch, Numerics, Offsets, PathState, RouletteMode, ShadowRays, Sort};
+    use crate::render::{Numerics, Offsets, PathState, RouletteMode, ShadowRays, Sort};
     use crate::scene::{Integrator, Sampler};
-    use crate::shaders::Forms;
     use proptest::prelude::*;
 
     const SCENE: SceneDemands =
@@ -319,14 +318,7 @@ mod tests {
         max_film_bytes: 1 << 27,
     };
 
-    const SOFTWARE: Defaults = Defaults {
-        software: true,
-        lanes: 8,
-        fetch: Fetch::Texel,
-        forms: Forms::NATIVE,
-        loop_turns: Some(65_535),
-        memory_bytes: 1 << 31,
-    };
+    const SOFTWARE: Defaults = Defaults::LIMITED_SOFTWARE;
 
     fn plan_of(settings: &Settings, scheduler: Scheduler, scene: &SceneDemands, device: &DeviceLimits) -> Plan {
         Plan::new(settings, scheduler, scene, device, &SOFTWARE)

@@ -51,7 +51,7 @@ pub struct Replay<'a> {
     loaded: Option<Range<u64>>,
     /// Seconds of a launch, about.
     launch_seconds: f64,
-    /// Whether the device rounds as the CPU does, and is as fast after a rest as before.
+    /// Whether the device is as fast after a rest as before.
     software: bool,
     warm: bool,
 }

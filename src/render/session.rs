@@ -404,7 +404,10 @@ impl Session {
         let mut statistics = before.clone();
         let mut ending = None;
         let (mut counted, mut rays_per_sample) = (start, 1.0);
-        for tile in self.plan.tiles(kept.first_row) {
+        for (place, tile) in self.plan.tiles(kept.first_row).enumerate() {
+            if place > 0 {
+                self.executor.clear("film")?;
+            }
             while let Some(batch) = self.next_batch(tile, taken)? {
                 self.render_batch(batch)?;
                 taken.add(batch, tile.rows * self.plan.width);
@@ -425,8 +428,9 @@ impl Session {
                 if of_rows && kept.is_due() {
                     let begun = Instant::now();
                     let film = self.film(tile)?;
-                    statistics = self.statistics(&before, &bands, samples_done, start.elapsed())?;
-                    kept.keep(tile.first_row, taken, film, self.control()?, statistics.clone());
+                    let control = self.control()?;
+                    statistics = self.statistics(&control, &before, &bands, samples_done, start.elapsed())?;
+                    kept.keep(tile.first_row, taken, film, control, statistics.clone());
                     kept.cost = begun.elapsed();
                 }
             }
@@ -436,13 +440,13 @@ impl Session {
             let rows = taken.bands(tile, self.plan.width);
             finished(self, tile, &rows)?;
             bands.extend(rows);
-            statistics = self.statistics(&before, &bands, samples_done, wall_time)?;
+            let control = self.control()?;
+            statistics = self.statistics(&control, &before, &bands, samples_done, wall_time)?;
             taken = Taken::default();
-            kept.keep(tile.first_row + tile.rows, taken, Vec::new(), self.control()?, statistics.clone());
+            kept.keep(tile.first_row + tile.rows, taken, Vec::new(), control, statistics.clone());
             if ending.is_some() {
                 break;
             }
-            self.executor.clear("film")?;
         }
         Ok(statistics)
     }
@@ -680,12 +684,12 @@ impl Session {
     /// What a render has cost so far, with what it had cost `before` in another session. Nothing is under way.
     fn statistics(
         &mut self,
+        control: &Control,
         before: &Statistics,
         bands: &[Band],
         sample_count: u64,
         wall_time: Duration,
     ) -> Result<Statistics, RenderError> {
-        let control = self.control()?;
         if control.cut_loops != 0 {
             return Err(RenderError::CutLoops);
         }

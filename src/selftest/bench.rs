@@ -131,3 +131,22 @@ impl<'a> Bench<'a> {
         Ok(answers)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shaders::{Build, Form, Forms, Promises};
+
+    #[test]
+    fn own_functions_have_every_portable_form() {
+        for name in OWN_FUNCTIONS {
+            for form in [Form::Native, Form::ByFma, Form::ByIntegers] {
+                let arithmetic = Arithmetic::Portable(Forms { division: form, reciprocal: form, root: form });
+                let build = Build { constants: &[64], arithmetic, driver: None, promises: Promises::default() };
+                for variant in kernel(name).variants {
+                    assert!(!variant.specialize(&build).words.is_empty());
+                }
+            }
+        }
+    }
+}

@@ -15,103 +15,37 @@ pub const CHECKS: &[Check] = &[
         name: "sin",
         checked: "the driver's sine, of 0 to 2 pi",
         spoils: "",
-        run: |bench| {
-            measure(
-                bench,
-                &Function {
-                    kernel: "functions",
-                    number: 0,
-                    of: |x, _| x.sin(),
-                    domain: |u| [TAU * u[0], 0.0],
-                    bound: None,
-                },
-            )
-        },
+        run: |bench| measure(bench, &of_driver(0, |x, _| x.sin(), |u| [TAU * u[0], 0.0])),
     },
     Check {
         name: "cos",
         checked: "the driver's cosine, of 0 to 2 pi",
         spoils: "",
-        run: |bench| {
-            measure(
-                bench,
-                &Function {
-                    kernel: "functions",
-                    number: 1,
-                    of: |x, _| x.cos(),
-                    domain: |u| [TAU * u[0], 0.0],
-                    bound: None,
-                },
-            )
-        },
+        run: |bench| measure(bench, &of_driver(1, |x, _| x.cos(), |u| [TAU * u[0], 0.0])),
     },
     Check {
         name: "atan",
         checked: "the driver's angle of a point in the plane",
         spoils: "",
-        run: |bench| {
-            measure(
-                bench,
-                &Function {
-                    kernel: "functions",
-                    number: 2,
-                    of: f64::atan2,
-                    domain: |u| [2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0],
-                    bound: None,
-                },
-            )
-        },
+        run: |bench| measure(bench, &of_driver(2, f64::atan2, |u| [2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0])),
     },
     Check {
         name: "exp",
         checked: "the driver's exponential, of -20 to 0",
         spoils: "",
-        run: |bench| {
-            measure(
-                bench,
-                &Function {
-                    kernel: "functions",
-                    number: 3,
-                    of: |x, _| x.exp(),
-                    domain: |u| [-20.0 * u[0], 0.0],
-                    bound: None,
-                },
-            )
-        },
+        run: |bench| measure(bench, &of_driver(3, |x, _| x.exp(), |u| [-20.0 * u[0], 0.0])),
     },
     Check {
         name: "log",
         checked: "the driver's logarithm, of 2^-24 to 1",
         spoils: "",
-        run: |bench| {
-            measure(
-                bench,
-                &Function {
-                    kernel: "functions",
-                    number: 4,
-                    of: |x, _| x.ln(),
-                    domain: |u| [(-24.0 * u[0]).exp2(), 0.0],
-                    bound: None,
-                },
-            )
-        },
+        run: |bench| measure(bench, &of_driver(4, |x, _| x.ln(), |u| [(-24.0 * u[0]).exp2(), 0.0])),
     },
     Check {
         name: "pow",
         checked: "the driver's power, of 0 to 1 to the 2^-8 to 2^8",
         spoils: "",
-        run: |bench| {
-            measure(
-                bench,
-                &Function {
-                    kernel: "functions",
-                    number: 5,
-                    of: f64::powf,
-                    domain: |u| [u[0], (16.0 * u[1] - 8.0).exp2()],
-                    bound: None,
-                },
-            )
-        },
+        run: |bench| measure(bench, &of_driver(5, f64::powf, |u| [u[0], (16.0 * u[1] - 8.0).exp2()])),
     },
     Check {
         name: "sine-of-turns",
@@ -160,6 +94,11 @@ struct Function {
 
 /// What a function of raywave's spoils where it is off.
 const OWN: &str = "directions, lobes and skies are off, and the image is another one than elsewhere";
+
+/// A function of the driver's.
+fn of_driver(number: u32, of: fn(f64, f64) -> f64, domain: fn([f64; 2]) -> [f64; 2]) -> Function {
+    Function { kernel: "functions", number, of, domain, bound: None }
+}
 
 /// A function of raywave's, which may be off by `bound` units in the last place.
 fn own(number: u32, of: fn(f64, f64) -> f64, domain: fn([f64; 2]) -> [f64; 2], bound: f64) -> Function {

@@ -157,9 +157,6 @@ impl Linker<'_> {
             let Some(name) = chosen(instruction, &self.values) else { continue };
             let extended = instruction.class.opcode == Op::ExtInst;
             let mut operands = instruction.operands.split_off(if extended { 2 } else { 0 });
-            if name.contains("reciprocal") {
-                operands.remove(0);
-            }
             let mut wanted = format!("{name}(");
             for operand in &operands {
                 let of = operand.id_ref_any().and_then(|id| self.values.type_name(id));
