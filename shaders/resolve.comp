@@ -26,8 +26,11 @@ void main() {
     if (index < batch.pixel_count) {
         FilmPixel pixel = film.pixels[batch.film_pixel + index];
         bool spoilt = false;
-        for (uint i = 0u; i < batch.sample_count; i++) {
-            vec3 radiance = radiances.rgb[index * batch.sample_count + i].rgb;
+        // From slot to slot: a loop whose bound is the same for all pixels lavapipe compiles for each number of samples.
+        uint first = index * batch.sample_count;
+        uint end = first + batch.sample_count;
+        for (uint slot = first; slot < end; slot++) {
+            vec3 radiance = radiances.rgb[slot].rgb;
             bool finite = is_finite(radiance);
             spoilt = spoilt || !finite;
             radiance = finite ? radiance : vec3(0.0);
@@ -37,11 +40,11 @@ void main() {
         film.pixels[batch.film_pixel + index] = pixel;
 
         // Tell which samples were left out. The others pay nothing for it.
-        for (uint i = 0u; spoilt && i < batch.sample_count; i++) {
-            if (!is_finite(radiances.rgb[index * batch.sample_count + i].rgb)) {
+        for (uint slot = first; spoilt && slot < end; slot++) {
+            if (!is_finite(radiances.rgb[slot].rgb)) {
                 uint place = atomicAdd(control.nonfinite_samples, 1u);
                 if (place < TRACED_SAMPLES) {
-                    control.traced_samples[place] = uvec2(batch.first_pixel + index, batch.first_sample + i);
+                    control.traced_samples[place] = uvec2(batch.first_pixel + index, batch.first_sample + slot - first);
                 }
             }
         }

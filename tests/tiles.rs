@@ -10,7 +10,9 @@ use common::{assert_silent, device, own_scene, prepare, tries};
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{Ending, Outcome, Progress, Scheduler, Session, SessionOptions, Settings, Statistics};
+use raywave::render::{
+    Ending, Outcome, PreparedScene, Progress, Scheduler, Session, SessionOptions, Settings, Statistics,
+};
 use raywave::scene::Scene;
 
 const WIDTH: u32 = 24;
@@ -72,9 +74,8 @@ fn tiles_leave_no_trace() {
 
 /// Every render with as many samples, of the whole image.
 struct Whole<'a> {
-    device: &'a Device,
-    scene: &'a Scene,
-    settings: Settings,
+    scene: &'a PreparedScene,
+    session: Session,
     films: BTreeMap<u32, FilmMoments>,
 }
 
@@ -82,8 +83,8 @@ impl Whole<'_> {
     /// The sums of rows by so many samples.
     fn rows(&mut self, samples: u32, rows: Range<u32>) -> &[DVec3] {
         let film = self.films.entry(samples).or_insert_with(|| {
-            let settings = Settings { samples, ..self.settings };
-            render(self.device, self.scene, settings, HEIGHT, |_| ControlFlow::Continue(())).film
+            self.session.reseed(self.scene, 0, samples).expect("the device goes on");
+            self.session.render(|_| ControlFlow::Continue(())).expect("the render ends").film
         });
         &film.sum[(rows.start * WIDTH) as usize..(rows.end * WIDTH) as usize]
     }
@@ -127,8 +128,9 @@ fn a_render_that_is_broken_off_keeps_what_it_has() {
             scheduler: Some(scheduler),
             ..Settings::of(&scene)
         };
-        let mut whole = Whole { device: &device, scene: &scene, settings, films: BTreeMap::new() };
         let prepared = prepare(&device, &scene, &settings);
+        let session = Session::new(&device, &prepared, &settings).expect("the session starts");
+        let mut whole = Whole { scene: &prepared, session, films: BTreeMap::new() };
         for film_rows in [5, HEIGHT] {
             let options =
                 SessionOptions { film_bytes: Some(u64::from(64 * WIDTH * film_rows)), ..SessionOptions::default() };
