@@ -25,4 +25,5 @@ pub mod shaders;
 pub mod stability;
 pub mod stats;
 pub mod studies;
+pub mod trace;
 pub mod whole_file;

@@ -31,6 +31,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "stability",
             "stats",
             "studies",
+            "trace",
             "whole_file",
         ],
     ),
@@ -39,7 +40,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("export", &["film", "stats", "studies", "whole_file"]),
     ("facts", &["constants", "gpu", "layout", "recording", "shaders", "whole_file"]),
     ("film", &["whole_file"]),
-    ("gpu", &["recording", "shaders", "whole_file"]),
+    ("gpu", &["recording", "shaders", "trace", "whole_file"]),
     ("layout", &["constants"]),
     ("lib", &[]),
     ("main", &[]),
@@ -48,7 +49,20 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("recording", &["layout"]),
     (
         "render",
-        &["alias", "bvh", "constants", "facts", "film", "gpu", "layout", "rays", "recording", "scene", "shaders"],
+        &[
+            "alias",
+            "bvh",
+            "constants",
+            "facts",
+            "film",
+            "gpu",
+            "layout",
+            "rays",
+            "recording",
+            "scene",
+            "shaders",
+            "trace",
+        ],
     ),
     ("scene", &["whole_file"]),
     (
@@ -72,6 +86,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("stability", &["bvh", "constants", "film", "gpu", "oracle", "rays", "render", "scene", "stats", "studies"]),
     ("stats", &["film"]),
     ("studies", &["clocks", "film", "stats"]),
+    ("trace", &[]),
     ("whole_file", &[]),
 ];
 

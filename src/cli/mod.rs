@@ -17,6 +17,7 @@ mod replay;
 mod selftest;
 mod stability;
 mod start_up;
+mod trace;
 pub mod tradeoff;
 mod tune;
 mod tuning;
@@ -30,7 +31,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 
-use crate::gpu::{Device, GpuError, Instance};
+use crate::gpu::{Device, GpuError, Instance, Tools};
 use crate::render::RenderError;
 use crate::scene::Scene;
 use crate::studies::Provenance;
@@ -150,6 +151,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
                 | GpuError::UnusableDevice { .. }
                 | GpuError::BufferTooLarge { .. }
                 | GpuError::OutOfMemory { .. }
+                | GpuError::NoLabels
         )
     );
     ExitCode::from(if user { 2 } else { 1 })
@@ -183,7 +185,12 @@ fn load_scene(path: Option<&Path>, quiet: bool) -> anyhow::Result<Scene> {
 
 /// Opens the device of that number or part of a name, or the best one.
 fn open_device(wanted: Option<&str>) -> anyhow::Result<Device> {
-    let instance = Arc::new(Instance::new(false)?);
+    open_device_with(wanted, Tools::default())
+}
+
+/// As [`open_device`], with what shall be seen of it.
+fn open_device_with(wanted: Option<&str>, tools: Tools) -> anyhow::Result<Device> {
+    let instance = Arc::new(Instance::with_tools(tools)?);
     let description = instance.choose(wanted)?;
     Ok(Device::open_with_cache(&instance, description, cache_folder().as_deref())?)
 }

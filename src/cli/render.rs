@@ -16,12 +16,13 @@ use crate::clocks::{self, ClockState};
 use crate::export::plain;
 use crate::facts::{self, Facts};
 use crate::film::{FilmMoments, Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
-use crate::gpu::{CompiledKernel, DeviceDescription, GpuError};
+use crate::gpu::{CompiledKernel, DeviceDescription, GpuError, Tools};
 use crate::render::{
-    Defaults, Ending, Fault, Fetch, Kept, Offsets, PreparedScene, Progress, RenderError, Session, Settings, Statistics,
-    find_faults,
+    Defaults, DeviceTrace, Ending, Fault, Fetch, Kept, Offsets, PreparedScene, Progress, RenderError, Session,
+    Settings, Statistics, find_faults,
 };
 use crate::scene::Scene;
+use crate::trace::Stages;
 
 use super::devices::kind_name;
 use super::picture::{
@@ -30,7 +31,7 @@ use super::picture::{
 };
 use super::tradeoff::duration;
 use super::tuning::{self, Tuning};
-use super::{check_text_output, compiled, load_scene, stop_on_interrupt, write_text};
+use super::{check_text_output, compiled, load_scene, open_device_with, stop_on_interrupt, trace, write_text};
 
 /// Render a scene to an image
 #[derive(Debug, clap::Args)]
@@ -48,6 +49,12 @@ pub struct RenderArguments {
     /// Write what the render cost, as JSON
     #[arg(long, value_name = "FILE")]
     stats: Option<PathBuf>,
+    /// Write what host and device did when, in Chrome's trace format, for Perfetto
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Name every Vulkan object and label passes and bounces, even if no layer is known that shows it
+    #[arg(long)]
+    labels: bool,
     /// Time between two looks at the device's film, which is all that is lost with a device
     /// (5s)
     #[arg(long, value_name = "TIME", value_parser = duration)]
@@ -64,32 +71,43 @@ pub struct RenderArguments {
 const EVEN_WITHIN: Duration = Duration::from_millis(250);
 
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
+    let begun = Instant::now();
     check_output(&arguments.output)?;
-    if let Some(stats) = &arguments.stats {
-        check_text_output(stats)?;
-        ensure!(
-            !is_same_file(stats, &arguments.output)?,
-            "{}: --stats and --output name the same file",
-            stats.display()
-        );
+    let outputs = [("--stats", &arguments.stats), ("--trace", &arguments.trace)];
+    let mut named = vec![("--output", &arguments.output)];
+    for (flag, path) in outputs.into_iter().filter_map(|(flag, path)| Some((flag, path.as_ref()?))) {
+        check_text_output(path)?;
+        for (other, taken) in &named {
+            ensure!(!is_same_file(path, taken)?, "{}: {flag} and {other} name the same file", path.display());
+        }
+        named.push((flag, path));
     }
     ensure!(arguments.exposure.is_finite(), "--exposure {} is not a number of stops", arguments.exposure);
+    let stages = if arguments.trace.is_some() { Stages::kept() } else { Stages::default() };
+    let tools = Tools { labels: arguments.labels, stages: stages.clone(), ..Tools::default() };
+    let loading = stages.begin("load scene");
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
+    drop(loading);
     let mut settings = arguments.picture.settings(&scene)?;
-    let mut device = arguments.picture.open_device()?;
+    let mut device = open_device_with(arguments.picture.device(), tools.clone())?;
+    let measuring = stages.begin("measure device");
     let defaults = Defaults::of(&device)?;
+    drop(measuring);
     if arguments.picture.tuned() {
         let tuning = Tuning::of_scene(device.description(), &scene, arguments.quiet);
         tuning.apply(&mut settings, &defaults);
     }
-    let prepared = PreparedScene::for_device(&scene, &settings, &defaults)?;
+    let prepared = PreparedScene::in_stages(&scene, &settings, &defaults, &stages)?;
     let session = Session::new(&device, &prepared, &settings)?;
     let compiled = match &arguments.stats {
-        Some(_) => Compiled {
-            kernels: session.compiled_kernels()?,
-            instructions: session.instructions().collect(),
-            workgroup_size: session.workgroup_size(),
-        },
+        Some(_) => {
+            let _stage = stages.begin("describe kernels");
+            Compiled {
+                kernels: session.compiled_kernels()?,
+                instructions: session.instructions().collect(),
+                workgroup_size: session.workgroup_size(),
+            }
+        }
         None => Compiled::default(),
     };
     let mut losses = arguments.lose_device.iter();
@@ -117,18 +135,20 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let clocks = clocks::of_device(device.description().uuid);
     let state = || clocks.as_ref().map(|clocks| clocks.state());
     let clocks_before = state();
-    let mut rendered = { session }.go_on(&mut kept, &mut progress, &mut finished).map_err(anyhow::Error::from);
+    let mut traces = Vec::new();
+    let most_passes = arguments.trace.is_some().then_some(trace::MOST_PASSES);
+    let mut rendered = go_on(session, most_passes, &mut traces, &mut kept, &mut progress, &mut finished);
     let lost = rendered.as_ref().err().filter(|error| is_lost_device(error)).map(|error| format!("{error:#}"));
     if let Some(lost) = lost {
         let count = HumanCount(kept.sample_count());
         eprintln!("warning: {lost}; it is opened anew, and the render goes on from {count} samples");
-        rendered = arguments.picture.open_device().and_then(|again| {
+        rendered = open_device_with(arguments.picture.device(), tools).and_then(|again| {
             let name = again.description().cache_name();
             ensure!(name == device.description().cache_name(), "{lost}; it did not come back");
             device = again;
-            let mut session = Session::new(&device, &prepared, &settings)?;
+            let session = Session::new(&device, &prepared, &settings)?;
             losses.next().into_iter().for_each(|&submissions| device.lose_after(submissions));
-            Ok(session.go_on(&mut kept, &mut progress, &mut finished)?)
+            go_on(session, most_passes, &mut traces, &mut kept, &mut progress, &mut finished)
         });
     }
     let clocks_after = state();
@@ -162,12 +182,44 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         compiled: &compiled,
         clocks: [clocks_before, clocks_after],
     };
+    let writing = stages.begin("write files");
     write(arguments, &report, &image, &statistics, &mean.mean())?;
+    drop(writing);
+    if let Some(path) = &arguments.trace {
+        trace::write(path, begun, &stages.ended(), &device.description().name, &traces)?;
+    }
     if !arguments.quiet {
         summarise(arguments, &report, &statistics);
+        warn_of_dropped(&traces);
     }
     faults?;
     Ok(())
+}
+
+/// Renders as [`Session::go_on`] says, and adds what the device did to the traces if so many passes of it are wanted. The
+/// session ends with it.
+fn go_on(
+    mut session: Session,
+    most_passes: Option<usize>,
+    traces: &mut Vec<DeviceTrace>,
+    kept: &mut Kept,
+    progress: impl FnMut(&Progress) -> ControlFlow<Ending>,
+    finished: impl FnMut(FilmMoments),
+) -> anyhow::Result<Statistics> {
+    most_passes.map_or(Ok(()), |most| session.keep_trace(most))?;
+    let rendered = session.go_on(kept, progress, finished);
+    traces.extend(session.take_trace());
+    Ok(rendered?)
+}
+
+fn warn_of_dropped(traces: &[DeviceTrace]) {
+    let dropped: usize = traces.iter().map(DeviceTrace::dropped_passes).sum();
+    if dropped > 0 {
+        eprintln!(
+            "warning: the trace has the first {} passes alone; {dropped} more were left out",
+            HumanCount(trace::MOST_PASSES as u64)
+        );
+    }
 }
 
 fn is_lost_device(error: &anyhow::Error) -> bool {

@@ -30,6 +30,7 @@ impl Buffer {
         let info = vk::BufferCreateInfo::default().size(size).usage(usage);
         // SAFETY: the device is alive and `size` is above 0.
         let raw = unsafe { device.raw.create_buffer(&info, None) }.during("making a buffer")?;
+        device.labels.name(raw, format_args!("{name}"));
         let mut buffer = Self { raw, view: vk::BufferView::null(), size, allocation: None, device: Arc::clone(device) };
         // SAFETY: the buffer was just made by this device.
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
@@ -46,18 +47,23 @@ impl Buffer {
                 allocation_scheme: AllocationScheme::GpuAllocatorManaged,
             })
             .map_err(failed)?;
+        // SAFETY: the allocation is alive.
+        let memory = unsafe { allocation.memory() };
+        // Many buffers lie in one block of memory.
+        device.labels.name(memory, format_args!("memory, {location:?}"));
         // SAFETY: the memory was allocated for this buffer's requirements and is bound once.
-        let bound = unsafe { device.raw.bind_buffer_memory(raw, allocation.memory(), allocation.offset()) };
+        let bound = unsafe { device.raw.bind_buffer_memory(raw, memory, allocation.offset()) };
         buffer.allocation = Some(allocation);
         bound.during("binding memory")?;
         Ok(buffer)
     }
 
     /// Makes the whole buffer readable by texels.
-    pub fn view_as(&mut self, format: vk::Format) -> Result<(), GpuError> {
+    pub fn view_as(&mut self, name: &str, format: vk::Format) -> Result<(), GpuError> {
         let info = vk::BufferViewCreateInfo::default().buffer(self.raw).format(format).range(vk::WHOLE_SIZE);
         // SAFETY: the buffer has texel usage and its memory is bound.
         self.view = unsafe { self.device.raw.create_buffer_view(&info, None) }.during("making a texel view")?;
+        self.device.labels.name(self.view, format_args!("{name} by texels"));
         Ok(())
     }
 

@@ -8,10 +8,13 @@ use std::sync::{Arc, Mutex};
 use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
+use super::clock::Calibrates;
 use super::error::{Action, GpuError};
 use super::instance::{DeviceDescription, Instance};
+use super::labels::Labels;
 use super::pipeline_cache::PipelineCache;
 use crate::shaders::Reconvergence;
+use crate::trace::Stages;
 
 /// A device that can run kernels. Cheap to clone: clones are the same device.
 #[derive(Clone)]
@@ -29,6 +32,10 @@ pub(super) struct Shared {
     pub pipeline_cache: PipelineCache,
     pub cache_folder: Option<PathBuf>,
     pub description: DeviceDescription,
+    /// What names its objects.
+    pub labels: Labels,
+    /// How its clock is read beside the host's, if it was opened for a trace and can be.
+    pub calibrates: Option<Calibrates>,
     /// Submissions of recordings until the device counts as lost.
     pub submissions_left: AtomicU64,
     /// Timestamp of the end of the last recording of any executor that has been waited for; 0 before the first.
@@ -55,6 +62,7 @@ impl Device {
         description: DeviceDescription,
         folder: Option<&Path>,
     ) -> Result<Self, GpuError> {
+        let _stage = instance.tools.stages.begin("open device");
         let queues = [vk::DeviceQueueCreateInfo::default()
             .queue_family_index(description.queue_family)
             .queue_priorities(&[1.0])];
@@ -86,6 +94,8 @@ impl Device {
             extensions.push(khr::pipeline_executable_properties::NAME.as_ptr());
             info = info.push_next(&mut executables);
         }
+        let calibrates = description.calibrates.filter(|_| instance.tools.stages.are_kept());
+        extensions.extend(calibrates.map(|calibrates| calibrates.name().as_ptr()));
         let info = info.enabled_extension_names(&extensions);
         // SAFETY: the physical device comes from this instance; `info` holds locals only.
         let raw = unsafe { instance.raw.create_device(description.raw, &info, None) }.during("opening the device")?;
@@ -101,6 +111,10 @@ impl Device {
         })
         .map_err(|source| GpuError::Allocation { buffer: "the allocator", bytes: 0, source })?;
         let pipeline_cache = PipelineCache::open(&raw, &description.identity, folder);
+        let labels = Labels::new(instance, description.raw, &raw);
+        labels.name(raw.handle(), format_args!("raywave"));
+        labels.name(queue, format_args!("compute queue"));
+        labels.name(pipeline_cache.raw, format_args!("kernels of earlier runs"));
         Ok(Self {
             shared: Arc::new(Shared {
                 raw,
@@ -109,6 +123,8 @@ impl Device {
                 queue: Mutex::new(queue),
                 allocator: ManuallyDrop::new(Mutex::new(allocator)),
                 description,
+                labels,
+                calibrates,
                 submissions_left: AtomicU64::new(u64::MAX),
                 last_end: AtomicU64::new(0),
                 instance: Arc::clone(instance),
@@ -119,6 +135,16 @@ impl Device {
     /// What the device is.
     pub fn description(&self) -> &DeviceDescription {
         &self.shared.description
+    }
+
+    /// Whether objects have names and passes labels.
+    pub fn has_labels(&self) -> bool {
+        self.shared.labels.are_set()
+    }
+
+    /// Where the stages of the host's work are noted.
+    pub fn stages(&self) -> &Stages {
+        self.shared.stages()
     }
 
     /// Lets the device count as lost after so many more submissions of recordings, so that it can be tried what comes
@@ -145,6 +171,11 @@ impl Device {
 }
 
 impl Shared {
+    /// Where the stages of the host's work are noted.
+    pub fn stages(&self) -> &Stages {
+        &self.instance.tools.stages
+    }
+
     /// Whether the device counts as lost; `counts` is whether it is asked for a recording.
     pub fn is_lost(&self, counts: bool) -> bool {
         let left = self.submissions_left.load(Ordering::Relaxed);

@@ -23,6 +23,10 @@ pub enum GpuError {
     UnusableDevice { name: String, reason: String },
     #[error("the Vulkan validation layer was asked for and is not installed; `apt install vulkan-validationlayers`")]
     NoValidationLayer,
+    #[error(
+        "labels were asked for, and nothing here offers VK_EXT_debug_utils; leave out --labels, or install a newer Vulkan loader"
+    )]
+    NoLabels,
     #[error("{buffer} needs {needed} bytes in one buffer and the device allows {allowed}; {advice}")]
     BufferTooLarge { buffer: &'static str, needed: u64, allowed: u64, advice: &'static str },
     #[error(

@@ -9,6 +9,7 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 
 use super::buffer::Buffer;
+use super::clock::{Alignment, Clock};
 use super::device::{Device, Shared};
 use super::error::{Action, GpuError};
 use super::executables::{CompiledKernel, compiled_kernels};
@@ -16,6 +17,7 @@ use super::memory::{MemoryLimits, MemoryPlan, plan_memory};
 use super::pipeline::{Pipelines, descriptor_type};
 use crate::recording::{Pass, Recording};
 use crate::shaders::{Access, Arithmetic, BindingKind, Build, Edition, Kernel, Library, Specialized};
+use crate::trace::Stages;
 
 /// How kernels see a buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,6 +82,34 @@ pub struct Idle {
     pub between: Option<f64>,
 }
 
+/// What the device did of one submission, on the host's clock.
+#[derive(Debug, Clone)]
+pub struct TracedSubmission {
+    /// When the host handed it over.
+    pub submitted: Instant,
+    /// When the host saw that it had ended.
+    pub seen: Instant,
+    /// Its passes in order; none where the device has no clock, or there was no more room.
+    pub passes: Vec<TracedPass>,
+    /// Passes that there was no more room for.
+    pub dropped: usize,
+    /// What the buffer of [`Executor::keep_trace`] held at its end.
+    pub counts: Vec<u8>,
+}
+
+/// A pass on the host's clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TracedPass {
+    /// Name of its kernel.
+    pub kernel: &'static str,
+    /// The bounce that it is a part of.
+    pub of_bounce: Option<u32>,
+    /// When the pass before it ended, or what the submission had to wait for.
+    pub start: Instant,
+    /// When it ended.
+    pub end: Instant,
+}
+
 /// Passes that one command buffer can time.
 const MAX_TIMED_PASSES: u32 = 2048;
 /// Timestamps of a command buffer: its very start, the end of the barrier that opens it, the end of
@@ -114,6 +144,8 @@ pub struct Executor {
     idle: Idle,
     /// Seconds of every pass, where they are kept.
     launches: Option<Vec<f64>>,
+    /// What is kept for a trace, if anything is.
+    tracing: Option<Tracing>,
     access: Access,
     memory_bytes: u64,
     /// What the pipelines were built from.
@@ -127,10 +159,33 @@ struct Slot {
     commands: vk::CommandBuffer,
     fence: vk::Fence,
     queries: vk::QueryPool,
-    /// Kernel and bounce of the passes in flight, one per timestamp from [`FIRST_PASS`] on.
-    pending: Option<Vec<(&'static str, u32)>>,
+    /// The passes in flight, one per timestamp from [`FIRST_PASS`] on.
+    pending: Option<Vec<Launched>>,
     /// When it was submitted.
     start: Instant,
+    /// Where the device leaves the counts that a trace wants.
+    counts: Option<Buffer>,
+}
+
+/// A pass in flight.
+struct Launched {
+    kernel: &'static str,
+    /// That its push constants tell.
+    bounce: u32,
+    /// That it is a part of.
+    of_bounce: Option<u32>,
+}
+
+/// What is kept for a trace.
+struct Tracing {
+    /// The buffer whose contents are kept after each submission.
+    counts: &'static str,
+    /// Passes that there is room for.
+    room: usize,
+    clock: Clock,
+    /// End of the last pass.
+    until: Option<Instant>,
+    submissions: Vec<TracedSubmission>,
 }
 
 impl Executor {
@@ -174,9 +229,12 @@ impl Executor {
             if texel_fetch == access.texel_fetch { kernels } else { specialized(Access { texel_fetch, ..access }) };
         let access = Access { texel_fetch, ..access };
 
+        let compiling = shared.stages().begin("compile kernels");
         let start = Instant::now();
         let pipelines = Pipelines::new(shared, &kernels, description.specialization)?;
         let pipelines_time = start.elapsed();
+        drop(compiling);
+        let uploading = shared.stages().begin("upload");
         let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let staging = Buffer::new(shared, "staging", staging_bytes, transfer, MemoryLocation::CpuToGpu)?;
         let readback = Buffer::new(shared, "readback", staging_bytes, transfer, MemoryLocation::GpuToCpu)?;
@@ -197,6 +255,7 @@ impl Executor {
             last_end: Instant::now(),
             idle: Idle::default(),
             launches: None,
+            tracing: None,
             access,
             memory_bytes: bytes,
             kernels,
@@ -208,6 +267,8 @@ impl Executor {
             executor.make_buffer(role)?;
         }
         executor.make_sets()?;
+        drop(uploading);
+        let _compiling = shared.stages().begin("compile kernels");
         let start = Instant::now();
         executor.warm_up()?;
         executor.pipelines_time += start.elapsed();
@@ -254,6 +315,41 @@ impl Executor {
     /// pass before, in its command buffer, to its own. Empty where the device has no clock.
     pub fn take_launches(&mut self) -> Vec<f64> {
         self.launches.take().unwrap_or_default()
+    }
+
+    /// Lets be kept from now on what the device does of each submission, for a trace: up to so many passes, and what the
+    /// buffer `counts` holds at the end.
+    ///
+    /// # Errors
+    /// When the device fails.
+    ///
+    /// # Panics
+    /// When no buffer has that name.
+    pub fn keep_trace(&mut self, counts: &'static str, most_passes: usize) -> Result<(), GpuError> {
+        self.wait()?;
+        let size = self.buffers[counts].size;
+        for slot in &mut self.slots {
+            let (usage, location) = (vk::BufferUsageFlags::TRANSFER_DST, MemoryLocation::GpuToCpu);
+            slot.counts = Some(Buffer::new(&self.device, "counts of a submission", size, usage, location)?);
+        }
+        let clock = Clock::new(&self.device)?;
+        self.tracing = Some(Tracing { counts, room: most_passes, clock, until: None, submissions: Vec::new() });
+        Ok(())
+    }
+
+    /// What has been kept of the submissions that were waited for, since the last call.
+    pub fn take_traced(&mut self) -> Vec<TracedSubmission> {
+        self.tracing.as_mut().map(|tracing| std::mem::take(&mut tracing.submissions)).unwrap_or_default()
+    }
+
+    /// How the times of a trace were brought to the host's clock; `None` where none is kept.
+    pub fn alignment(&self) -> Option<Alignment> {
+        self.tracing.as_ref().map(|tracing| tracing.clock.alignment())
+    }
+
+    /// Where the stages of the host's work are noted.
+    pub fn stages(&self) -> &Stages {
+        self.device.stages()
     }
 
     /// Time until all kernels were built: pipelines are made side by side, then launched once in turn.
@@ -416,13 +512,15 @@ impl Executor {
             .queue_family_index(self.device.description.queue_family);
         // SAFETY: the family is the device's own.
         self.command_pool = unsafe { device.create_command_pool(&info, None) }.during("making a command pool")?;
+        let labels = &self.device.labels;
+        labels.name(self.command_pool, format_args!("submissions"));
         let info = vk::CommandBufferAllocateInfo::default()
             .command_pool(self.command_pool)
             .level(vk::CommandBufferLevel::PRIMARY)
             .command_buffer_count(SLOTS as u32);
         // SAFETY: the pool was just made.
         let buffers = unsafe { device.allocate_command_buffers(&info) }.during("making command buffers")?;
-        for commands in buffers {
+        for (number, commands) in buffers.into_iter().enumerate() {
             let info = vk::QueryPoolCreateInfo::default()
                 .query_type(vk::QueryType::TIMESTAMP)
                 .query_count(MAX_TIMED_PASSES + FIRST_PASS as u32 + 1);
@@ -433,7 +531,10 @@ impl Executor {
                     device.create_query_pool(&info, None).during("making a query pool")?,
                 )
             };
-            self.slots.push(Slot { commands, fence, queries, pending: None, start: Instant::now() });
+            labels.name(commands, format_args!("submission {number}"));
+            labels.name(fence, format_args!("end of submission {number}"));
+            labels.name(queries, format_args!("timestamps of submission {number}"));
+            self.slots.push(Slot { commands, fence, queries, pending: None, start: Instant::now(), counts: None });
         }
         Ok(())
     }
@@ -448,7 +549,10 @@ impl Executor {
         let usage = kind | vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let mut buffer = Buffer::new(&self.device, role.name, role.size, usage, MemoryLocation::GpuOnly)?;
         if let (BufferUse::Scene { texel_bytes }, true) = (role.usage, self.access.texel_fetch) {
-            buffer.view_as(if texel_bytes == 16 { vk::Format::R32G32B32A32_UINT } else { vk::Format::R32G32_UINT })?;
+            buffer.view_as(
+                role.name,
+                if texel_bytes == 16 { vk::Format::R32G32B32A32_UINT } else { vk::Format::R32G32_UINT },
+            )?;
         }
         self.buffers.insert(role.name, buffer);
         match role.contents {
@@ -471,11 +575,15 @@ impl Executor {
         // SAFETY: `info` holds locals only.
         self.descriptor_pool =
             unsafe { device.create_descriptor_pool(&info, None) }.during("making a descriptor pool")?;
+        self.device.labels.name(self.descriptor_pool, format_args!("all sets"));
         let info = vk::DescriptorSetAllocateInfo::default()
             .descriptor_pool(self.descriptor_pool)
             .set_layouts(&self.pipelines.set_layouts);
         // SAFETY: the pool has room for exactly these sets.
         self.sets = unsafe { device.allocate_descriptor_sets(&info) }.during("making descriptor sets")?;
+        for (number, set) in self.sets.iter().enumerate() {
+            self.device.labels.name(*set, format_args!("set {number}"));
+        }
         for binding in self.pipelines.bindings.values() {
             let buffer = self.buffers.get(binding.name).ok_or(GpuError::UnboundBinding { binding: binding.name })?;
             let infos = [vk::DescriptorBufferInfo { buffer: buffer.raw, offset: 0, range: vk::WHOLE_SIZE }];
@@ -523,7 +631,8 @@ impl Executor {
 
     /// Records passes into a free slot.
     fn record(&mut self, slot: usize, passes: &[Pass]) -> Result<(), GpuError> {
-        let device = &self.device.raw;
+        let _stage = self.device.stages().begin("record");
+        let (device, labels) = (&self.device.raw, &self.device.labels);
         let Slot { commands, queries, .. } = self.slots[slot];
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         let timestamps = (FIRST_PASS + passes.len() + 1) as u32;
@@ -545,7 +654,8 @@ impl Executor {
         // What earlier submissions wrote is seen by this one.
         self.barrier(commands);
         let mut hazards = Hazards::default();
-        let mut kernels = Vec::with_capacity(passes.len());
+        let mut launched = Vec::with_capacity(passes.len());
+        let mut before = None;
         // SAFETY: as above.
         unsafe { device.cmd_write_timestamp(commands, vk::PipelineStageFlags::BOTTOM_OF_PIPE, queries, 1) };
         for pass in passes {
@@ -560,7 +670,8 @@ impl Executor {
             let constants = bytemuck::bytes_of(batch);
             let takes = self.pipelines.push_constant_size;
             assert!(takes == 0 || takes == constants.len() as u32, "{kernel} takes a batch or nothing");
-            kernels.push((*kernel, batch.bounce));
+            launched.push(Launched { kernel, bounce: batch.bounce, of_bounce: pass.of_bounce() });
+            labels.between(commands, before.replace(pass), Some(pass));
             // SAFETY: the pipeline belongs to the layout that is bound; indirect arguments lie in
             // `control`, which has indirect usage; the query index is within the pool.
             unsafe {
@@ -579,18 +690,25 @@ impl Executor {
                     commands,
                     vk::PipelineStageFlags::BOTTOM_OF_PIPE,
                     queries,
-                    (FIRST_PASS + kernels.len()) as u32 - 1,
+                    (FIRST_PASS + launched.len()) as u32 - 1,
                 );
             }
         }
+        labels.between(commands, before, None);
         self.barrier(commands);
-        // SAFETY: as above; recording was begun there.
+        // SAFETY: as above.
         unsafe {
             device.cmd_write_timestamp(commands, vk::PipelineStageFlags::BOTTOM_OF_PIPE, queries, timestamps - 1);
-            device.end_command_buffer(commands)
         }
-        .during("recording commands")?;
-        self.slots[slot].pending = Some(kernels);
+        if let (Some(tracing), Some(counts)) = (&self.tracing, &self.slots[slot].counts) {
+            let regions = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: counts.size }];
+            // SAFETY: both buffers are alive and as large as the region; the host has read what was there before.
+            unsafe { device.cmd_copy_buffer(commands, self.buffers[tracing.counts].raw, counts.raw, &regions) };
+            self.host_barrier(commands);
+        }
+        // SAFETY: recording was begun above.
+        unsafe { device.end_command_buffer(commands) }.during("recording commands")?;
+        self.slots[slot].pending = Some(launched);
         Ok(())
     }
 
@@ -622,10 +740,12 @@ impl Executor {
     }
 
     fn launch(&mut self, slot: usize) -> Result<(), GpuError> {
+        let _stage = self.device.stages().begin("submit");
         let Slot { commands, fence, .. } = self.slots[slot];
         let buffers = [commands];
         let submits = [vk::SubmitInfo::default().command_buffers(&buffers)];
         let is_recording = self.slots[slot].pending.as_ref().is_some_and(|passes| !passes.is_empty());
+        self.slots[slot].start = Instant::now();
         let result = if self.device.is_lost(is_recording) {
             Err(vk::Result::ERROR_DEVICE_LOST)
         } else {
@@ -634,7 +754,6 @@ impl Executor {
             // other threads from the queue.
             unsafe { self.device.raw.queue_submit(*queue, &submits, fence) }
         };
-        self.slots[slot].start = Instant::now();
         let result = self.lost(slot, result, "submitting commands");
         if result.is_err() {
             // Nothing is under way that would signal the fence.
@@ -649,25 +768,27 @@ impl Executor {
         if self.slots[slot].pending.is_none() {
             return Ok(());
         }
+        let waiting = self.device.stages().begin("wait");
         // SAFETY: the fence was submitted with the pending commands.
         let result = unsafe { self.device.raw.wait_for_fences(&[fence], true, u64::MAX) };
         self.lost(slot, result, "waiting for the device")?;
+        drop(waiting);
         // SAFETY: the fence is signalled and nothing waits for it.
         unsafe { self.device.raw.reset_fences(&[fence]) }.during("resetting a fence")?;
-        let kernels = self.slots[slot].pending.take().unwrap_or_default();
+        let launched = self.slots[slot].pending.take().unwrap_or_default();
         let host_seconds = self.slots[slot].start.max(self.last_end).elapsed().as_secs_f64();
         self.last_end = Instant::now();
-        if kernels.is_empty() {
+        if launched.is_empty() {
             return Ok(());
         }
         if self.device.description.timestamp_bits == 0 {
             self.submission_seconds.push(host_seconds);
-            for kernel in kernels {
-                self.times.entry(kernel).or_default().launches += 1;
+            for pass in &launched {
+                self.times.entry((pass.kernel, pass.bounce)).or_default().launches += 1;
             }
-            return Ok(());
+            return self.trace(slot, &launched, &[]);
         }
-        let mut ticks = vec![0_u64; FIRST_PASS + kernels.len() + 1];
+        let mut ticks = vec![0_u64; FIRST_PASS + launched.len() + 1];
         // SAFETY: the commands that wrote these queries are complete.
         unsafe { self.device.raw.get_query_pool_results(queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) }
             .during("reading timestamps")?;
@@ -682,14 +803,51 @@ impl Executor {
         // A recording may begin while the one before it ends.
         let overlaps = ticks[0].wrapping_sub(before) & mask > mask / 2;
         self.idle.note((before != 0).then(|| if overlaps { 0.0 } else { seconds(before, ticks[0]) }));
-        for (kernel, pair) in kernels.into_iter().zip(ticks[FIRST_PASS - 1..].windows(2)) {
-            let time = self.times.entry(kernel).or_default();
+        for (pass, pair) in launched.iter().zip(ticks[FIRST_PASS - 1..].windows(2)) {
+            let time = self.times.entry((pass.kernel, pass.bounce)).or_default();
             time.seconds += seconds(pair[0], pair[1]);
             time.launches += 1;
             if let Some(launches) = &mut self.launches {
                 launches.push(seconds(pair[0], pair[1]));
             }
         }
+        self.trace(slot, &launched, &ticks)
+    }
+
+    /// Keeps what a trace shows of a submission that has just ended, by its timestamps; none where the device has no
+    /// clock.
+    fn trace(&mut self, slot: usize, launched: &[Launched], ticks: &[u64]) -> Result<(), GpuError> {
+        let Slot { start: submitted, counts, .. } = &mut self.slots[slot];
+        let (Some(tracing), Some(counts)) = (&mut self.tracing, counts) else { return Ok(()) };
+        let mut passes = Vec::new();
+        if let (Some(&first), true) = (ticks.first(), launched.len() <= tracing.room) {
+            tracing.clock.align(first, *submitted)?;
+            // Clocks that are read anew for each submission may move it by as much as they can be apart; passes do not
+            // overlap for that.
+            let begun = tracing.clock.time(ticks[FIRST_PASS - 1]);
+            let late = tracing.until.map_or(Duration::ZERO, |until| until.saturating_duration_since(begun));
+            let mut start = begun + late;
+            for (pass, &end) in launched.iter().zip(&ticks[FIRST_PASS..]) {
+                let end = (tracing.clock.time(end) + late).max(start);
+                passes.push(TracedPass { kernel: pass.kernel, of_bounce: pass.of_bounce, start, end });
+                start = end;
+            }
+            tracing.until = Some(start);
+            tracing.room -= passes.len();
+        }
+        let dropped = if ticks.is_empty() { 0 } else { launched.len() - passes.len() };
+        if dropped > 0 {
+            // Nothing after a gap: what follows would look as if it were all.
+            tracing.room = 0;
+        }
+        let counts = counts.bytes().to_vec();
+        tracing.submissions.push(TracedSubmission {
+            submitted: *submitted,
+            seen: self.last_end,
+            passes,
+            dropped,
+            counts,
+        });
         Ok(())
     }
 
@@ -698,7 +856,7 @@ impl Executor {
         result.map_err(|result| match result {
             vk::Result::ERROR_DEVICE_LOST => {
                 let passes = self.slots[slot].pending.iter().flatten();
-                let mut kernels: Vec<_> = passes.map(|(kernel, _)| *kernel).collect();
+                let mut kernels: Vec<_> = passes.map(|pass| pass.kernel).collect();
                 kernels.sort_unstable();
                 kernels.dedup();
                 let pass = if kernels.is_empty() { "a copy".to_owned() } else { kernels.join(", ") };

@@ -5,21 +5,39 @@ use std::sync::{Arc, Mutex};
 
 use ash::{ext, khr, nv, vk};
 
+use super::clock::Calibrates;
 use super::error::{Action, GpuError};
 use super::executables::Multiprocessors;
+use super::labels;
 use super::pipeline_cache::Identity;
 use crate::shaders::{Promises, Reconvergence};
+use crate::trace::Stages;
 
 /// Layer that checks every call.
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
+/// What shall be seen of the work from outside.
+#[derive(Debug, Clone, Default)]
+pub struct Tools {
+    /// Whether the validation layer checks every call.
+    pub validation: bool,
+    /// Whether objects have names and passes labels even if no tool is known that shows them.
+    pub labels: bool,
+    /// Where the stages of the host's work are noted. Where they are kept, devices are opened so that their clocks can be
+    /// read beside the host's.
+    pub stages: Stages,
+}
+
 /// A Vulkan instance.
 pub struct Instance {
     pub(super) raw: ash::Instance,
+    pub(super) tools: Tools,
+    /// Whether VK_EXT_debug_utils is enabled.
+    pub(super) has_debug_utils: bool,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     /// Boxed: the messenger holds a pointer to it.
     messages: Arc<Messages>,
-    _entry: ash::Entry,
+    pub(super) entry: ash::Entry,
 }
 
 type Messages = Mutex<Vec<String>>;
@@ -80,6 +98,8 @@ pub struct DeviceDescription {
     pub multiprocessors: Option<Multiprocessors>,
     /// Whether the driver tells what it made of kernels.
     pub(super) tells_executables: bool,
+    /// How its clock can be read beside the host's.
+    pub(super) calibrates: Option<Calibrates>,
     pub(super) identity: Identity,
     pub(super) queue_family: u32,
     /// The heap of `memory_bytes`.
@@ -113,6 +133,16 @@ impl Instance {
     /// # Errors
     /// When there is no loader, no driver, or no validation layer where one is wanted.
     pub fn new(validation: bool) -> Result<Self, GpuError> {
+        Self::with_tools(Tools { validation, ..Tools::default() })
+    }
+
+    /// As [`Instance::new`], with more that shall be seen.
+    ///
+    /// # Errors
+    /// As [`Instance::new`], and where labels are asked for that cannot be had.
+    pub fn with_tools(tools: Tools) -> Result<Self, GpuError> {
+        let _stage = tools.stages.begin("start Vulkan");
+        let validation = tools.validation;
         // SAFETY: the loader is a library that expects to be loaded this way; it outlives every
         // object made from it because `Instance` owns it.
         let entry = unsafe { ash::Entry::load() }.map_err(GpuError::NoLoader)?;
@@ -122,13 +152,18 @@ impl Instance {
             return Err(GpuError::NoValidationLayer);
         }
 
+        // SAFETY: enumeration has no preconditions.
+        let listed = unsafe { entry.enumerate_instance_extension_properties(None) }.during("listing extensions")?;
+        let lists = |name| listed.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name));
+        let has_debug_utils = labels::extension_wanted(tools.labels, validation, lists(ext::debug_utils::NAME))?;
+
         let application = vk::ApplicationInfo::default().application_name(c"raywave").api_version(vk::API_VERSION_1_2);
         let layer_names: Vec<_> = validation.then_some(VALIDATION_LAYER.as_ptr()).into_iter().collect();
-        let extensions: Vec<_> = if validation {
-            vec![ext::debug_utils::NAME.as_ptr(), ext::validation_features::NAME.as_ptr()]
-        } else {
-            Vec::new()
-        };
+        let extensions: Vec<_> =
+            [(has_debug_utils, ext::debug_utils::NAME), (validation, ext::validation_features::NAME)]
+                .into_iter()
+                .filter_map(|(wanted, name)| wanted.then_some(name.as_ptr()))
+                .collect();
         let mut features = vk::ValidationFeaturesEXT::default()
             .enabled_validation_features(&[vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION]);
         let mut info = vk::InstanceCreateInfo::default()
@@ -145,7 +180,7 @@ impl Instance {
         })?;
 
         let messages = Arc::new(Messages::default());
-        let mut instance = Self { raw, messenger: None, messages, _entry: entry };
+        let mut instance = Self { raw, tools, has_debug_utils, messenger: None, messages, entry };
         if validation {
             instance.listen()?;
         }
@@ -154,7 +189,7 @@ impl Instance {
 
     /// Keeps what the validation layer says.
     fn listen(&mut self) -> Result<(), GpuError> {
-        let loader = ext::debug_utils::Instance::new(&self._entry, &self.raw);
+        let loader = ext::debug_utils::Instance::new(&self.entry, &self.raw);
         let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
             .message_severity(
                 vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
@@ -272,6 +307,20 @@ impl Instance {
             && control.subgroup_size_control != 0
     }
 
+    /// Whether a tool is at work, a layer as a rule, that says it shows names and labels.
+    pub(super) fn tool_shows_labels(&self, raw: vk::PhysicalDevice) -> bool {
+        let name = c"vkGetPhysicalDeviceToolPropertiesEXT";
+        // SAFETY: the instance is alive, and the name ends with a zero.
+        let known = unsafe { self.entry.get_instance_proc_addr(self.raw.handle(), name.as_ptr()) };
+        if known.is_none() {
+            return false;
+        }
+        let functions = ext::tooling_info::Instance::new(&self.entry, &self.raw);
+        // SAFETY: `raw` comes from this instance, which has the function.
+        let tools = unsafe { functions.get_physical_device_tool_properties(raw) }.unwrap_or_default();
+        tools.iter().any(|tool| tool.purposes.contains(vk::ToolPurposeFlags::DEBUG_MARKERS_EXT))
+    }
+
     /// Whether the driver tells what it made of kernels.
     fn tells_executables(&self, raw: vk::PhysicalDevice, has: impl Fn(&CStr) -> bool) -> bool {
         if !has(khr::pipeline_executable_properties::NAME) {
@@ -385,6 +434,7 @@ impl Instance {
             unusable,
             multiprocessors: self.multiprocessors(raw, has),
             tells_executables: self.tells_executables(raw, has),
+            calibrates: Calibrates::of(self, raw, has),
             identity: Identity {
                 vendor: core.vendor_id,
                 device: core.device_id,

@@ -5,17 +5,22 @@
 #![allow(unsafe_code)]
 
 mod buffer;
+mod clock;
 mod device;
 mod error;
 mod executables;
 mod executor;
 mod instance;
+mod labels;
 mod memory;
 mod pipeline;
 mod pipeline_cache;
 
+pub use clock::Alignment;
 pub use device::Device;
 pub use error::GpuError;
 pub use executables::{CompiledKernel, Executable, Figure, FigureValue, Multiprocessors};
-pub use executor::{BufferRole, BufferUse, Executor, ExecutorDescription, Idle, KernelTime};
-pub use instance::{DeviceDescription, DeviceKind, Instance};
+pub use executor::{
+    BufferRole, BufferUse, Executor, ExecutorDescription, Idle, KernelTime, TracedPass, TracedSubmission,
+};
+pub use instance::{DeviceDescription, DeviceKind, Instance, Tools};

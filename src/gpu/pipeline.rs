@@ -135,6 +135,7 @@ impl Pipelines {
             // SAFETY: `info` holds locals only.
             let layout = unsafe { self.device.raw.create_descriptor_set_layout(&info, None) }
                 .during("making a descriptor set layout")?;
+            self.device.labels.name(layout, format_args!("layout of set {set}"));
             self.set_layouts.push(layout);
         }
         let range =
@@ -145,6 +146,7 @@ impl Pipelines {
         // SAFETY: the set layouts are alive.
         self.layout =
             unsafe { self.device.raw.create_pipeline_layout(&info, None) }.during("making a pipeline layout")?;
+        self.device.labels.name(self.layout, format_args!("layout of all kernels"));
         Ok(())
     }
 
@@ -153,6 +155,7 @@ impl Pipelines {
         // SAFETY: the words are SPIR-V that the build compiled for Vulkan 1.2.
         let module = unsafe { self.device.raw.create_shader_module(&info, None) }
             .map_err(|result| GpuError::Pipeline { kernel: name, result })?;
+        self.device.labels.name(module, format_args!("{name}.comp"));
         let entries: Vec<_> = (0..specialization.len() as u32)
             .map(|id| vk::SpecializationMapEntry { constant_id: id, offset: 4 * id, size: 4 })
             .collect();
@@ -175,6 +178,9 @@ impl Pipelines {
         let built = unsafe { self.device.raw.create_compute_pipelines(self.device.pipeline_cache.raw, &infos, None) };
         // SAFETY: a pipeline does not need its module once it is built.
         unsafe { self.device.raw.destroy_shader_module(module, None) };
+        if let Ok(pipelines) = &built {
+            self.device.labels.name(pipelines[0], format_args!("{name}"));
+        }
         built.map(|pipelines| pipelines[0]).map_err(|(_, result)| GpuError::Pipeline { kernel: name, result })
     }
 }

@@ -19,13 +19,15 @@ pub fn kernels(packets: Packets, connects: bool) -> Vec<&'static str> {
 /// Takes every path through the bounces.
 pub fn advance(recording: &mut Recording, packets: Packets, connects: bool, range: SampleRange, bounces: Range<u32>) {
     for bounce in bounces {
-        let batch = range.at_bounce(bounce);
-        let kernel = packets.kernel_at(bounce, "bounce", "bounce_packets");
-        recording.dispatch_indirect(kernel, offset_of!(Control, ray_groups), batch);
-        recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
-        if connects {
-            recording.dispatch_indirect(packets.connect(), offset_of!(Control, shadow_groups), batch);
-        }
+        recording.bounce(bounce, |recording| {
+            let batch = range.at_bounce(bounce);
+            let kernel = packets.kernel_at(bounce, "bounce", "bounce_packets");
+            recording.dispatch_indirect(kernel, offset_of!(Control, ray_groups), batch);
+            recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
+            if connects {
+                recording.dispatch_indirect(packets.connect(), offset_of!(Control, shadow_groups), batch);
+            }
+        });
     }
 }
 
@@ -42,12 +44,12 @@ mod tests {
         let mut recording = Recording::default();
         advance(&mut recording, packets, connects, RANGE, bounces);
         let told = |pass: Pass| match pass {
-            Pass::Dispatch { kernel, groups, batch } => {
+            Pass::Dispatch { kernel, groups, batch, .. } => {
                 assert_eq!((groups, batch), (1, RANGE.at_bounce(batch.bounce)));
                 (kernel, batch.bounce, None)
             }
-            Pass::DispatchIndirect { kernel, arguments, batch } => {
-                assert_eq!(batch, RANGE.at_bounce(batch.bounce));
+            Pass::DispatchIndirect { kernel, arguments, batch, of_bounce } => {
+                assert_eq!((batch, of_bounce), (RANGE.at_bounce(batch.bounce), Some(batch.bounce)));
                 (kernel, batch.bounce, Some(arguments))
             }
         };

@@ -19,6 +19,7 @@ mod prepare;
 mod replay;
 mod session;
 mod settings;
+mod traced;
 mod warm_up;
 mod wavefront;
 
@@ -34,4 +35,5 @@ pub use settings::{
     Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Numerics, Offsets, Packets, PathState, RouletteMode, Scheduler,
     Settings, SettingsError, ShadowRays, Sort, Traversal,
 };
+pub use traced::{DeviceTrace, Purpose, QueueLengths, TracedBatch};
 pub use warm_up::{WarmUp, Warmth};

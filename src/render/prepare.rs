@@ -14,6 +14,7 @@ use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
 use crate::layout::{EnvironmentSplit, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
 use crate::scene::{self, Environment, EnvironmentMap, Integrator, Sampler, Scene, Surface};
+use crate::trace::Stages;
 
 /// A scene that the kernels cannot hold.
 #[derive(Debug, Error, PartialEq)]
@@ -226,7 +227,20 @@ impl PreparedScene {
     /// # Errors
     /// When the scene is larger than an index can tell.
     pub fn for_device(scene: &Scene, settings: &Settings, defaults: &Defaults) -> Result<Self, PrepareError> {
-        Self::with_bvh(scene, defaults.bvh(settings, scene.mesh.triangles.len()))
+        Self::in_stages(scene, settings, defaults, &Stages::default())
+    }
+
+    /// As [`PreparedScene::for_device`]; notes its stages.
+    ///
+    /// # Errors
+    /// As [`PreparedScene::for_device`].
+    pub fn in_stages(
+        scene: &Scene,
+        settings: &Settings,
+        defaults: &Defaults,
+        stages: &Stages,
+    ) -> Result<Self, PrepareError> {
+        Self::lay_out(scene, defaults.bvh(settings, scene.mesh.triangles.len()), stages)
     }
 
     /// Builds a BVH of that kind and lays the scene out.
@@ -234,6 +248,11 @@ impl PreparedScene {
     /// # Errors
     /// When the scene is larger than an index can tell.
     pub fn with_bvh(scene: &Scene, kind: BvhKind) -> Result<Self, PrepareError> {
+        Self::lay_out(scene, kind, &Stages::default())
+    }
+
+    fn lay_out(scene: &Scene, kind: BvhKind, stages: &Stages) -> Result<Self, PrepareError> {
+        let laying_out = stages.begin("lay out scene");
         let mesh = &scene.mesh;
         if mesh.triangles.len() > bvh::MAX_TRIANGLES {
             return Err(PrepareError::TooManyTriangles(mesh.triangles.len()));
@@ -245,7 +264,11 @@ impl PreparedScene {
         if kind == BvhKind::List && corners.len() > bvh::MAX_LISTED {
             return Err(PrepareError::TooManyListed(corners.len()));
         }
+        drop(laying_out);
+        let building = stages.begin("build BVH");
         let bvh = Bvh::build(kind, &corners);
+        drop(building);
+        let _laying_out = stages.begin("lay out scene");
         let (nodes, max) = (bvh.node_places(), kind.max_nodes());
         if nodes > max {
             return Err(PrepareError::TooManyNodes { nodes, max });

@@ -13,6 +13,7 @@ use super::pace::Pace;
 use super::plan::{Band, DeviceLimits, Plan, SampleRange, SceneDemands, Taken, Tile};
 use super::prepare::{Needs, PrepareError, PreparedScene, SceneBuffer};
 use super::settings::{Numerics, Packets, Scheduler, Settings, ShadowRays, Sort};
+use super::traced::{DeviceTrace, Gathering};
 use super::{batch, bounce, megakernel, wavefront};
 use crate::bvh::BvhKind;
 use crate::constants::{COUNTED_BOUNCES, STAGES};
@@ -226,6 +227,8 @@ pub struct Session {
     longest: f64,
     /// Batches that the megakernel has followed and whose samples are not in the film yet, as one.
     gathered: Option<SampleRange>,
+    /// What is kept for a trace, if anything is.
+    tracing: Option<Gathering>,
 }
 
 impl Session {
@@ -270,6 +273,7 @@ impl Session {
             timed: VecDeque::new(),
             longest: 0.0,
             gathered: None,
+            tracing: None,
         })
     }
 
@@ -316,6 +320,29 @@ impl Session {
     /// up to more than the time of all.
     pub fn pipeline_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.executor.pipeline_times()
+    }
+
+    /// Lets be kept what the device does in the render that follows, for a trace: up to so many passes.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn keep_trace(&mut self, most_passes: usize) -> Result<(), RenderError> {
+        self.executor.keep_trace("ray_counts", most_passes)?;
+        self.tracing = Some(Gathering::new(self.scheduler != Scheduler::Megakernel));
+        Ok(())
+    }
+
+    /// What has been kept since [`Session::keep_trace`], and no more is; `None` where it was not called.
+    pub fn take_trace(&mut self) -> Option<DeviceTrace> {
+        self.gather_trace();
+        let batches = self.tracing.take()?.batches();
+        Some(DeviceTrace { alignment: self.executor.alignment()?, batches })
+    }
+
+    fn gather_trace(&mut self) {
+        if let Some(tracing) = &mut self.tracing {
+            tracing.add(self.executor.take_traced());
+        }
     }
 
     /// As [`Session::render_tiles`], with the tiles put together. Of a render that is broken off, the film has the rows
@@ -462,6 +489,10 @@ impl Session {
             }
             self.executor.write("control", bytemuck::bytes_of(&kept.control))?;
         }
+        self.gather_trace();
+        if let Some(tracing) = &mut self.tracing {
+            tracing.begin_render(kept.statistics.as_ref().map_or(&[], |statistics| &statistics.ray_counts));
+        }
         if !kept.film.is_empty() {
             self.executor.write("film", bytemuck::cast_slice(&kept.film))?;
         }
@@ -470,6 +501,8 @@ impl Session {
 
     /// Starts the sums and counts anew.
     pub(super) fn clear(&mut self) -> Result<(), GpuError> {
+        self.executor.wait()?;
+        let _stage = self.executor.stages().begin("clear");
         self.executor.clear("film")?;
         self.executor.clear("ray_counts")?;
         if self.counting {
@@ -551,6 +584,10 @@ impl Session {
     fn submit(&mut self, recording: &Recording, ends: Option<SampleRange>) -> Result<(), GpuError> {
         self.executor.submit(recording)?;
         self.timed.push_back(ends);
+        if let Some(tracing) = &mut self.tracing {
+            tracing.expect(ends.is_some() || self.scheduler == Scheduler::Megakernel);
+        }
+        self.gather_trace();
         Ok(())
     }
 
@@ -623,10 +660,14 @@ impl Session {
     }
 
     pub(super) fn control(&mut self) -> Result<Control, GpuError> {
+        self.executor.wait()?;
+        let _stage = self.executor.stages().begin("read counts");
         Ok(bytemuck::pod_read_unaligned(&self.executor.read("control")?))
     }
 
     fn ray_counts(&mut self) -> Result<Vec<RayCount>, GpuError> {
+        self.executor.wait()?;
+        let _stage = self.executor.stages().begin("read counts");
         Ok(bytemuck::pod_collect_to_vec(&self.executor.read("ray_counts")?))
     }
 
@@ -647,6 +688,8 @@ impl Session {
     /// Shows the pixels of the tile under way where they were read to, some rows after the other.
     fn visit_film(&mut self, tile: Tile, mut show: impl FnMut(&[FilmPixel])) -> Result<(), GpuError> {
         self.resolve()?;
+        self.executor.wait()?;
+        let _stage = self.executor.stages().begin("read film");
         // The last tile may have fewer rows than the buffer.
         let bytes = u64::from(tile.rows * self.plan.width) * size_of::<FilmPixel>() as u64;
         self.executor.visit("film", bytes, |_, part| show(bytemuck::cast_slice(part)))

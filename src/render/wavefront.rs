@@ -31,18 +31,20 @@ pub fn advance(
     bounces: Range<u32>,
 ) {
     for bounce in bounces {
-        let batch = range.at_bounce(bounce);
-        let extend = packets.kernel_at(bounce, "extend", "extend_packets");
-        recording.dispatch_indirect(extend, offset_of!(Control, ray_groups), batch);
-        if sort == Sort::Material {
-            recording.dispatch_indirect("count_bins", offset_of!(Control, ray_groups), batch);
-            recording.dispatch("place_bins", 1, batch);
-            recording.dispatch_indirect("sort_rays", offset_of!(Control, ray_groups), batch);
-        }
-        recording.dispatch_indirect("shade", offset_of!(Control, ray_groups), batch);
-        recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
-        if connects {
-            recording.dispatch_indirect(packets.connect(), offset_of!(Control, shadow_groups), batch);
-        }
+        recording.bounce(bounce, |recording| {
+            let batch = range.at_bounce(bounce);
+            let extend = packets.kernel_at(bounce, "extend", "extend_packets");
+            recording.dispatch_indirect(extend, offset_of!(Control, ray_groups), batch);
+            if sort == Sort::Material {
+                recording.dispatch_indirect("count_bins", offset_of!(Control, ray_groups), batch);
+                recording.dispatch("place_bins", 1, batch);
+                recording.dispatch_indirect("sort_rays", offset_of!(Control, ray_groups), batch);
+            }
+            recording.dispatch_indirect("shade", offset_of!(Control, ray_groups), batch);
+            recording.dispatch("prepare_dispatch", 1, range.at_bounce(bounce + 1));
+            if connects {
+                recording.dispatch_indirect(packets.connect(), offset_of!(Control, shadow_groups), batch);
+            }
+        });
     }
 }
