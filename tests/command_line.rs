@@ -191,6 +191,10 @@ const REFUSED: &[(&str, &str)] = &[
     ("render -o a.png --stats folder.png", "it is a folder"),
     ("render -o a.png --stats a.png", "name the same file"),
     ("render -o a.png --stats ./a.png", "name the same file"),
+    ("render -o a.png --trace nowhere/a.json", "the folder nowhere is missing"),
+    ("render -o a.png --trace folder.png", "it is a folder"),
+    ("render -o a.png --trace ./a.png", "--trace and --output name the same file"),
+    ("render -o a.png --stats a.json --trace ./a.json", "--trace and --stats name the same file"),
     ("render -o no\nwhere/a.png", "is missing"),
 
     // Scenes

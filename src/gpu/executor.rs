@@ -211,6 +211,7 @@ impl Executor {
                 description.kernels.iter().map(|kernel| (kernel.name, kernel.variant(description.edition, access)));
             variants.map(|(name, variant)| (name, variant.specialize(&build))).collect()
         };
+        let specializing = shared.stages().begin("specialize kernels");
         // What kernels bind does not depend on how they reach it, and what none binds takes no memory.
         let kernels = specialized(access);
         let bound: HashSet<_> = kernels.iter().flat_map(|(_, kernel)| &kernel.bindings).map(|b| b.name).collect();
@@ -229,6 +230,7 @@ impl Executor {
             if texel_fetch == access.texel_fetch { kernels } else { specialized(Access { texel_fetch, ..access }) };
         let access = Access { texel_fetch, ..access };
 
+        drop(specializing);
         let compiling = shared.stages().begin("compile kernels");
         let start = Instant::now();
         let pipelines = Pipelines::new(shared, &kernels, description.specialization)?;

@@ -217,6 +217,7 @@ impl Instance {
     /// # Errors
     /// When there is none.
     pub fn devices(&self) -> Result<Vec<DeviceDescription>, GpuError> {
+        let _stage = self.tools.stages.begin("list devices");
         // SAFETY: the instance is alive.
         let raw = unsafe { self.raw.enumerate_physical_devices() }.during("listing the devices")?;
         let devices: Vec<_> = raw.into_iter().map(|raw| self.describe(raw)).collect();
