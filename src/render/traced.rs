@@ -153,7 +153,7 @@ mod tests {
         gathering.add(vec![submission(&counts(&[(9, 9), (0, 0), (0, 0)]))]);
         // A render that goes on: its counts begin with what it had.
         gathering.begin_render(&counts(&[(100, 40), (30, 0), (0, 0)]));
-        [false, true, true, false].map(|ends| gathering.expect(ends));
+        [false, true, true, false].into_iter().for_each(|ends| gathering.expect(ends));
         gathering.add(vec![submission(&counts(&[(108, 45), (35, 0), (0, 0)]))]);
         gathering.add(vec![
             submission(&counts(&[(108, 46), (35, 0), (2, 0)])),
@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn passes_without_room_are_counted() {
         let mut gathering = Gathering::new(false);
-        [true, true].map(|ends| gathering.expect(ends));
+        [true, true].into_iter().for_each(|ends| gathering.expect(ends));
         gathering.add(vec![submission(&counts(&[(1, 1)])), submission(&counts(&[(2, 1)]))]);
         let trace = DeviceTrace { alignment: Alignment::NoClock, batches: gathering.batches() };
         assert_eq!(trace.dropped_passes(), 6);
