@@ -824,17 +824,14 @@ impl Executor {
         let mut passes = Vec::new();
         if let (Some(&first), true) = (ticks.first(), launched.len() <= tracing.room) {
             tracing.clock.align(first, *submitted)?;
-            // Clocks that are read anew for each submission may move it by as much as they can be apart; passes do not
-            // overlap for that.
-            let begun = tracing.clock.time(ticks[FIRST_PASS - 1]);
-            let late = tracing.until.map_or(Duration::ZERO, |until| until.saturating_duration_since(begun));
-            let mut start = begun + late;
-            for (pass, &end) in launched.iter().zip(&ticks[FIRST_PASS..]) {
-                let end = (tracing.clock.time(end) + late).max(start);
-                passes.push(TracedPass { kernel: pass.kernel, of_bounce: pass.of_bounce, start, end });
-                start = end;
-            }
-            tracing.until = Some(start);
+            let times: Vec<_> = ticks[FIRST_PASS - 1..].iter().map(|&ticks| tracing.clock.time(ticks)).collect();
+            let spans = spans_after(tracing.until, &times[..=launched.len()]);
+            let traced = |(pass, [start, end]): (&Launched, [Instant; 2])| {
+                let Launched { kernel, of_bounce, .. } = *pass;
+                TracedPass { kernel, of_bounce, start, end }
+            };
+            passes = launched.iter().zip(spans).map(traced).collect();
+            tracing.until = passes.last().map(|pass| pass.end);
             tracing.room -= passes.len();
         }
         let dropped = if ticks.is_empty() { 0 } else { launched.len() - passes.len() };
@@ -906,6 +903,13 @@ impl Executor {
     }
 }
 
+/// From each time to the next one, all of it moved so that it begins no earlier than `until`: clocks that are read anew
+/// for each submission move it by as much as they may be apart, and passes do not overlap for that.
+fn spans_after(until: Option<Instant>, times: &[Instant]) -> Vec<[Instant; 2]> {
+    let late = until.map_or(Duration::ZERO, |until| until.saturating_duration_since(times[0]));
+    times.windows(2).map(|pair| [pair[0] + late, pair[1].max(pair[0]) + late]).collect()
+}
+
 impl Drop for Executor {
     fn drop(&mut self) {
         // Whatever the device says, nothing may be destroyed before it has stopped.
@@ -963,6 +967,18 @@ impl Hazards {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn submissions_do_not_overlap_for_what_clocks_are_apart() {
+        let start = Instant::now();
+        let at = |nanoseconds| start + Duration::from_nanos(nanoseconds);
+        let times = [100, 130, 130, 170].map(at);
+        let spans = |from: [u64; 4]| from.windows(2).map(|pair| [at(pair[0]), at(pair[1])]).collect::<Vec<_>>();
+        assert_eq!(spans_after(None, &times), spans([100, 130, 130, 170]));
+        assert_eq!(spans_after(Some(at(90)), &times), spans([100, 130, 130, 170]), "a gap stays one");
+        assert_eq!(spans_after(Some(at(105)), &times), spans([105, 135, 135, 175]), "it is moved as a whole");
+        assert!(spans_after(Some(at(105)), &times[..1]).is_empty());
+    }
 
     #[test]
     fn passes_wait_for_what_they_share() {
