@@ -227,7 +227,7 @@ fn box_by_every_way() {
         let samples = if integrator == Implicit { 2048 } else { 512 };
         for sampler in [Independent, Sobol] {
             for (mode, roulette) in [(Constant, 0.0), (Constant, 0.3), (Throughput, 0.0), (Throughput, 0.2)] {
-                let is_tried = cases.next().is_some_and(|case| tries(&device, case, 5));
+                let is_tried = cases.next().is_some_and(|case| tries(&device, case, 7));
                 if is_tried && (sampler == Sobol || mode == Throughput || integrator == Mis) {
                     check_way("box-n4", "cornell-box", 4, (integrator, sampler, mode), samples, roulette);
                 }
@@ -253,7 +253,7 @@ fn other_scenes_by_mis_and_throughput() {
         for (way, roulette) in
             [((Mis, Independent, Constant), 0.0), ((Mis, Sobol, Throughput), 0.1), ((Explicit, Sobol, Throughput), 0.0)]
         {
-            if cases.next().is_some_and(|case| tries(&device, case, 2)) {
+            if cases.next().is_some_and(|case| tries(&device, case, 4)) {
                 check_way(reference, scene, bounces, way, samples, roulette);
             }
         }

@@ -42,6 +42,21 @@ fn dump(device: &Device, scene: &PreparedScene, settings: &Settings, class: RayC
     queued
 }
 
+/// Dumps rays of several queues, in a session of their own.
+fn dumps(
+    device: &Device,
+    scene: &PreparedScene,
+    settings: &Settings,
+    queues: &[(RayClass, u32)],
+) -> Vec<Vec<RayRecord>> {
+    let mut session = Session::new(device, scene, settings).expect("the session starts");
+    let rays = |(class, bounce)| session.dump_rays(scene, class, bounce, RayOrder::Slot).expect("there are rays").rays;
+    let rays = queues.iter().copied().map(rays).collect();
+    drop(session);
+    assert_silent(device);
+    rays
+}
+
 fn bits(rays: &[RayRecord]) -> &[u32] {
     bytemuck::cast_slice(rays)
 }
@@ -91,31 +106,34 @@ fn dumps_are_the_same_to_the_last_bit() {
     let device = device();
     let scene = own_scene("cornell-glass");
     let prepared = prepared(&scene);
-    for (class, bounce) in [(RayClass::Camera, 0), (RayClass::Bounce, 2), (RayClass::Shadow, 1)] {
-        let rays_by = |scheduler, in_flight, workgroup_size| {
-            let settings = Settings { scheduler, in_flight, workgroup_size, ..settings(&scene) };
-            dump(&device, &prepared, &settings, class, bounce).rays
-        };
-        let rays = |in_flight, workgroup_size| rays_by(None, in_flight, workgroup_size);
-        let reference = rays(None, None);
-        assert!(reference.len() > 100);
-        for (in_flight, workgroup) in [(None, None), (Some(PATHS), Some(64)), (Some(PATHS + 77), Some(32))] {
-            assert!(bits(&rays(in_flight, workgroup)) == bits(&reference), "{class:?} {in_flight:?} {workgroup:?}");
+    let classes = [(RayClass::Camera, 0), (RayClass::Bounce, 2), (RayClass::Shadow, 1)];
+    let rays_by = |scheduler, in_flight, workgroup_size| {
+        dumps(&device, &prepared, &Settings { scheduler, in_flight, workgroup_size, ..settings(&scene) }, &classes)
+    };
+    let reference = rays_by(None, None, None);
+    assert!(reference.iter().all(|rays| rays.len() > 100));
+    for (scheduler, in_flight, workgroup_size) in [
+        (None, None, None),
+        (None, Some(PATHS), Some(64)),
+        (None, Some(PATHS + 77), Some(32)),
+        (Some(Scheduler::Wavefront), None, None),
+        (Some(Scheduler::Bounce), None, None),
+    ] {
+        let rays = rays_by(scheduler, in_flight, workgroup_size);
+        for ((class, rays), reference) in classes.iter().zip(rays).zip(&reference) {
+            let way = format!("{class:?} {scheduler:?} {in_flight:?} {workgroup_size:?}");
+            assert!(bits(&rays) == bits(reference), "{way}");
         }
-        for scheduler in [Scheduler::Wavefront, Scheduler::Bounce] {
-            assert!(bits(&rays_by(Some(scheduler), None, None)) == bits(&reference), "{class:?} {scheduler:?}");
-        }
-        // Fewer in flight are the first pixels.
-        let fewer = rays(Some(SIZE * SIZE + 1), None);
-        assert!(fewer.len() < reference.len() && bits(&reference).starts_with(bits(&fewer)));
+    }
+    // Fewer in flight are the first pixels.
+    for (fewer, reference) in rays_by(None, Some(SIZE * SIZE + 1), None).iter().zip(&reference) {
+        assert!(fewer.len() < reference.len() && bits(reference).starts_with(bits(fewer)));
     }
     // Enough workgroups that the order of the queue is left to chance where it can be.
-    let many = |class| {
-        let settings = Settings { width: 256, height: 256, samples: 1, workgroup_size: Some(32), ..settings(&scene) };
-        dump(&device, &prepared, &settings, class, 1).rays
-    };
-    for class in [RayClass::Bounce, RayClass::Shadow] {
-        assert!(bits(&many(class)) == bits(&many(class)), "{class:?}");
+    let many = Settings { width: 256, height: 256, samples: 1, workgroup_size: Some(32), ..settings(&scene) };
+    let many = || dumps(&device, &prepared, &many, &[(RayClass::Bounce, 1), (RayClass::Shadow, 1)]);
+    for (once, again) in many().iter().zip(many()) {
+        assert!(bits(once) == bits(&again));
     }
     let few = Settings { in_flight: Some(50), ..settings(&scene) };
     let batch = dump(&device, &prepared, &few, RayClass::Camera, 0).batch;
@@ -162,9 +180,9 @@ fn dumps_lie_in_the_scene_and_not_in_the_bvh() {
     assert!(prepared.triangles.iter().zip(0..).any(|(t, place)| t.original != place), "the orders differ");
     let world = |point: Vec3| point.as_dvec3() / prepared.normalisation.scale + prepared.normalisation.centre;
     let lights: Vec<u32> = scene.light_triangles().collect();
-    for (class, bounce) in [(RayClass::Camera, 0), (RayClass::Bounce, 1), (RayClass::Shadow, 0), (RayClass::Shadow, 2)]
-    {
-        for ray in dump(&device, &prepared, &settings(&scene), class, bounce).rays {
+    let queues = [(RayClass::Camera, 0), (RayClass::Bounce, 1), (RayClass::Shadow, 0), (RayClass::Shadow, 2)];
+    for ((class, _), rays) in queues.into_iter().zip(dumps(&device, &prepared, &settings(&scene), &queues)) {
+        for ray in rays {
             let (origin, direction) = (Vec3::from(ray.origin), Vec3::from(ray.direction));
             if class == RayClass::Camera {
                 assert!((world(origin) - scene.camera.eye).length() < NEAR, "{ray:?} starts at the eye");
@@ -209,8 +227,8 @@ fn replays_find_what_the_cpu_finds() {
     // The gallery's stacks outgrow the registers; the sky is a light without a triangle.
     for scene in [own_scene("cornell-box"), own_scene("textured-sky"), gallery(5_000)] {
         let prepared = prepared(&scene);
-        for (class, bounce) in [(RayClass::Camera, 0), (RayClass::Bounce, 1), (RayClass::Shadow, 0)] {
-            let rays = dump(&device, &prepared, &settings(&scene), class, bounce).rays;
+        let queues = [(RayClass::Camera, 0), (RayClass::Bounce, 1), (RayClass::Shadow, 0)];
+        for ((class, _), rays) in queues.into_iter().zip(dumps(&device, &prepared, &settings(&scene), &queues)) {
             let total = rays.len() as u64;
             let hits = hits_on_cpu(&prepared, class, &rays);
             assert!(hits > 0, "{} {class:?}: nothing is hit", scene.name);
@@ -263,8 +281,8 @@ fn triangles_and_distances_are_those_that_a_search_finds() {
         let prepared = prepared(&scene);
         let corners = prepared.corners();
         assert_eq!(corners.len(), scene.mesh.triangles.len());
-        for (class, bounce) in [(RayClass::Camera, 0), (RayClass::Bounce, 1), (RayClass::Shadow, 0)] {
-            let rays = dump(&device, &prepared, &settings(&scene), class, bounce).rays;
+        let queues = [(RayClass::Camera, 0), (RayClass::Bounce, 1), (RayClass::Shadow, 0)];
+        for ((class, _), rays) in queues.into_iter().zip(dumps(&device, &prepared, &settings(&scene), &queues)) {
             let found = distances(&prepared, class, &rays);
             let expected: Vec<_> = rays.iter().map(|ray| search(&corners, class, ray)).collect();
             let differ = |(found, expected): (&f32, &f64)| {
@@ -330,9 +348,8 @@ fn counts_as_the_cpu(device: &Device, scene: &Scene, kind: BvhKind) {
     // Of lists a device may prefer the megakernel, which has no queues to dump.
     let settings = Settings { scheduler: Some(Scheduler::Wavefront), ..settings(scene) };
     let prepared = PreparedScene::with_bvh(scene, kind).expect("the scene fits");
-    let classes = [(RayClass::Camera, 0), (RayClass::Bounce, 3), (RayClass::Shadow, 1)];
-    for (class, bounce) in classes {
-        let rays = dump(device, &prepared, &settings, class, bounce).rays;
+    let queues = [(RayClass::Camera, 0), (RayClass::Bounce, 3), (RayClass::Shadow, 1)];
+    for ((class, _), rays) in queues.into_iter().zip(dumps(device, &prepared, &settings, &queues)) {
         let counted = Replay::count_work(device, &prepared, &settings, class, &rays).expect("the rays are counted");
         let mut places = vec![0; prepared.triangles.len()];
         for (place, original) in prepared.bvh.order.iter().enumerate() {

@@ -89,7 +89,7 @@ fn schedulers_batches_and_workgroups_leave_no_trace() {
     assert!(scenes.len() > 7, "scenes/ and the gallery");
     let cases: Vec<_> = scenes.iter().flat_map(|scene| ESTIMATORS.map(|estimator| (scene, estimator))).collect();
     let ways: Vec<_> = SCHEDULERS.iter().flat_map(|scheduler| CUTS.map(|cut| (*scheduler, cut))).collect();
-    let cases = cases.into_par_iter().enumerate().filter(|(case, _)| tries(&device, *case, 5));
+    let cases = cases.into_par_iter().enumerate().filter(|(case, _)| tries(&device, *case, 8));
     cases.for_each(|(case, ((name, scene), (integrator, sampler, roulette_mode, clamp)))| {
         let settings = Settings { integrator, sampler, roulette_mode, roulette_from: 1, clamp, ..Settings::of(scene) };
         let reference = Render::new(&device, scene, settings);

@@ -55,7 +55,7 @@ fn kernels_for_any_scene_give_the_same_bits() {
         ]
     };
     let cases: Vec<_> = scenes.iter().flat_map(|scene| renders(scene).map(|settings| (scene, settings))).collect();
-    cases.into_par_iter().enumerate().filter(|(case, _)| tries(&device, *case, 5)).for_each(
+    cases.into_par_iter().enumerate().filter(|(case, _)| tries(&device, *case, 11)).for_each(
         |(_, (scene, settings))| {
             let [own, any] = [true, false].map(|specialize| {
                 let Outcome { film, statistics } = render_on(&device, scene, &Settings { specialize, ..settings });
