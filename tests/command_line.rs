@@ -581,6 +581,15 @@ fn a_comparison_tells_of_start_up_and_of_shared_settings() {
         assert_eq!(first["settings"]["scheduler"], scheduler);
         let pipelines = first["pipelines"].as_array().expect("a list");
         assert_eq!(pipelines.len(), kernels, "{scheduler}");
+        // lavapipe does not tell what it makes of kernels.
+        let compiled = first["compiled_kernels"].as_array().expect("a list");
+        assert_eq!(compiled.len(), kernels, "{scheduler}");
+        for kernel in compiled {
+            assert!(kernel["spirv_instructions"].as_u64().is_some_and(|count| count > 10), "{kernel}");
+            assert_eq!((&kernel["executables"], &kernel["occupancy_by_registers"]), (&Value::Null, &Value::Null));
+            let row = format!(" | {} | ", kernel["kernel"].as_str().expect("a name").replace('_', "\\_"));
+            assert!(markdown.lines().any(|line| line.contains(&row)), "{row} in {markdown}");
+        }
         for key in ["cold_seconds", "cached_seconds"] {
             assert!(pipelines.iter().all(|pipeline| pipeline[key].as_f64().is_some_and(|s| s > 0.0)), "{pipelines:?}");
         }

@@ -215,6 +215,10 @@ fn json_holds_everything() {
         }
         assert_eq!((&first["cold_start_up_seconds"], &first["cached_start_up_seconds"]), (&0.61.into(), &0.29.into()));
         assert_eq!(first["settings"]["max_bounces"], 8);
+        let compiled = first["compiled_kernels"].as_array().expect("a list");
+        assert_eq!(compiled[0]["spirv_instructions"], 1_000 + compiled[0]["kernel"].as_str().expect("a name").len());
+        assert_eq!(compiled[0]["executables"][0]["figures"][0]["value"], 64);
+        assert_eq!(compiled.last().expect("resolve")["executables"], serde_json::Value::Null);
         if timed {
             assert!(combination["typical"]["kernels"][0]["gpu_seconds"].is_number());
             let seconds = &combination["seconds"];
@@ -285,7 +289,7 @@ fn csv_has_a_row_for_each_combination() {
 fn markdown_has_a_table_for_each_scene() {
     let (report, provenance) = (example(), provenance());
     let text = Document { provenance: &provenance, report: &report }.markdown();
-    for start in ["| combination", "| start-up"] {
+    for start in ["| combination", "| start-up", "| compiled"] {
         assert_eq!(text.lines().filter(|line| line.starts_with(start)).count(), 2, "{start}");
     }
     let start = "| wavefront, in-flight 16k, explicit | ";
@@ -294,12 +298,60 @@ fn markdown_has_a_table_for_each_scene() {
     for told in ["max\\_bounces 8", "rustc 1.90.0", "Example \\| CPU, 3 logical processors, 2600 MHz", "1 \\< 2 GHz"] {
         assert!(text.contains(told), "{told} in {text}");
     }
-    for line in text.lines().filter(|line| line.starts_with('|')) {
-        let bars = line.replace("\\|", "").matches('|').count();
-        assert_eq!(bars, 7, "six columns: {line}");
+    let tables = text.split("\n\n").filter(|part| part.starts_with('|'));
+    let mut columns: Vec<usize> = Vec::new();
+    for table in tables {
+        let bars = |line: &str| line.replace("\\|", "").matches('|').count();
+        columns.push(bars(table.lines().next().expect("a head")) - 1);
+        assert!(table.lines().all(|line| bars(line) == bars(table.lines().next().expect("a head"))), "{table}");
     }
+    assert_eq!(columns, [6, 8, 6, 6, 8, 6], "times, kernels and start-up of each scene");
     assert!(text.contains("**wrong**") && text.contains("**failed**"), "{text}");
     assert!(text.contains("Example \\<GPU>"), "{text}");
+}
+
+/// The table of compiled kernels has a row for each executable, beside the kernel's time, and says where a driver does not
+/// tell of any.
+#[test]
+fn compiled_kernels_stand_beside_their_times() {
+    let (mut report, provenance) = (example(), provenance());
+    let told = |report: &Report| {
+        let document = Document { provenance: &provenance, report };
+        let page = Page::new(0.0).html(&document);
+        let section = page.split("id=\"compiled\"").nth(1).and_then(|rest| rest.split("</section>").next());
+        (document.markdown(), section.unwrap_or_default().to_owned())
+    };
+    let (markdown, section) = told(&report);
+    let baseline = &report.scenes[0].combinations[0];
+    let seconds = |kernel: &str| {
+        let kernels = &baseline.typical.as_ref().expect("it is timed").kernels;
+        kernels.iter().find(|row| row.kernel == kernel).expect("it ran").gpu_seconds
+    };
+    let rows: Vec<&str> =
+        markdown.lines().filter(|line| line.starts_with(&format!("| {} | ", baseline.label))).collect();
+    for (kernel, row) in [
+        ("extend", "extend | TIME | 1,006 | 32 | 50 % | 64 | true |"),
+        ("shade", "shade, SIMD16 | TIME | 1,005 | 16 | 50 % | 32 | false |"),
+        ("shade", "shade, SIMD32 | TIME | 1,005 | 32 | 50 % | 64 | true |"),
+        ("resolve", "resolve | TIME | 1,007 | – | – | – | – |"),
+    ] {
+        let digits = if seconds(kernel) < 0.1 { 1 } else { 0 };
+        let row = row.replace("TIME", &format!("{:.digits$} ms", 1e3 * seconds(kernel)));
+        assert!(rows.iter().any(|line| line.ends_with(&row)), "{row} in {rows:#?}");
+    }
+    for told in ["Register Count", "Spills &lt;|&gt;", ">shade, SIMD16<", ">1,005<", ">yes<"] {
+        assert!(section.contains(told), "{told} in {section}");
+    }
+    // Of 12 combinations in two scenes two did not run; wavefronts have seven rows and megakernels two.
+    assert_eq!(section.matches("<tr class=").count(), 12 * 7 + 10 * 2);
+    let untold = "does not tell";
+    assert!(!markdown.contains(untold) && !section.contains(untold));
+
+    let firsts = report.scenes.iter_mut().flat_map(|scene| &mut scene.combinations).filter_map(|c| c.first.as_mut());
+    firsts.flat_map(|first| &mut first.compiled_kernels).for_each(|kernel| kernel.executables = None);
+    let (markdown, section) = told(&report);
+    assert!(markdown.contains(untold) && section.contains(untold));
+    assert!(markdown.contains("| shade | ") && !markdown.contains("Register Count"), "{markdown}");
 }
 
 #[test]

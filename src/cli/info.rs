@@ -45,19 +45,18 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
             None => arguments.picture.open_device()?,
         };
         let session = Session::new(&device, &prepared, &settings)?;
-        Some((session.compiled_kernels()?, device, session.workgroup_size()))
+        Some((compiled::kernels(&session, device.description())?, device))
     } else {
         None
     };
-    let compiled = compiled.as_ref().map(|(kernels, device, size)| (kernels.as_deref(), device.description(), *size));
     if arguments.json {
         let mut json = report.json();
-        if let Some((kernels, device, workgroup_size)) = compiled {
-            json["compiled_kernels"] = compiled::record(kernels, device, workgroup_size);
+        if let Some((kernels, _)) = &compiled {
+            json["compiled_kernels"] = compiled::record(kernels);
         }
         return print(&(serde_json::to_string_pretty(&json)? + "\n"));
     }
-    let told = compiled.map_or(String::new(), |(kernels, device, size)| compiled::lines(kernels, device, size));
+    let told = compiled.map_or(String::new(), |(kernels, device)| compiled::lines(&kernels, device.description()));
     print(&(report.lines()? + &told))
 }
 

@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use anyhow::{Context, anyhow, bail};
 
+use super::compiled;
 use super::devices::kind_name;
 use super::load_scene;
 use super::picture::PictureArguments;
@@ -208,6 +209,7 @@ impl DeviceRenderer {
         let mut measured = measurement(&settings, &statistics);
         measured.settings = settings_record(&settings, &statistics);
         measured.image = Some(image);
+        measured.compiled_kernels = compiled::kernels(&session, self.device.description())?;
         self.sessions.insert(key, session);
         if self.start_ups > 0 {
             self.start_up(&settings, &mut measured);

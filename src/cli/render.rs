@@ -1,6 +1,5 @@
 //! `raywave render`.
 
-use std::collections::BTreeMap;
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -16,12 +15,13 @@ use crate::clocks::{self, ClockState};
 use crate::export::plain;
 use crate::facts::{self, Facts};
 use crate::film::{FilmMoments, Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
-use crate::gpu::{CompiledKernel, DeviceDescription, GpuError, Tools};
+use crate::gpu::{DeviceDescription, GpuError, Tools};
 use crate::render::{
     Defaults, DeviceTrace, Ending, Fault, Fetch, Kept, Offsets, PreparedScene, Progress, RenderError, Session,
     Settings, Statistics, find_faults,
 };
 use crate::scene::Scene;
+use crate::studies::CompiledKernelRow;
 use crate::trace::Stages;
 
 use super::devices::kind_name;
@@ -102,13 +102,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let compiled = match &arguments.stats {
         Some(_) => {
             let _stage = stages.begin("describe kernels");
-            Compiled {
-                kernels: session.compiled_kernels()?,
-                instructions: session.instructions().collect(),
-                workgroup_size: session.workgroup_size(),
-            }
+            compiled::kernels(&session, device.description())?
         }
-        None => Compiled::default(),
+        None => Vec::new(),
     };
     let mut losses = arguments.lose_device.iter();
     losses.next().into_iter().for_each(|&submissions| device.lose_after(submissions));
@@ -270,16 +266,6 @@ fn show(bar: &ProgressBar, progress: &Progress) {
     ));
 }
 
-/// What became of the kernels of a render.
-#[derive(Default)]
-struct Compiled {
-    /// What the driver tells of them.
-    kernels: Option<Vec<CompiledKernel>>,
-    /// Instructions of their SPIR-V.
-    instructions: BTreeMap<&'static str, usize>,
-    workgroup_size: u32,
-}
-
 /// All that belongs to a result.
 struct Report<'a> {
     scene: &'a Scene,
@@ -293,7 +279,8 @@ struct Report<'a> {
     faults: &'a [Fault],
     /// [`Image::digest`].
     digest: String,
-    compiled: &'a Compiled,
+    /// What the compiler made of the kernels; empty where nobody asks.
+    compiled: &'a [CompiledKernelRow],
     /// Of the device, before and after, where something tells of them.
     clocks: [Option<ClockState>; 2],
 }
@@ -384,13 +371,13 @@ impl Report<'_> {
             .kernels()
             .into_iter()
             .map(|(name, time)| {
-                let instructions = self.compiled.instructions.get(name);
+                let instructions =
+                    self.compiled.iter().find(|kernel| kernel.kernel == name).map(|kernel| kernel.spirv_instructions);
                 let told =
                     json!({ "gpu_seconds": time.seconds, "launches": time.launches, "instructions": instructions });
                 (name.to_owned(), told)
             })
             .collect();
-        let compiled = self.compiled.kernels.as_deref();
         json!({
             "settings": self.settings(statistics),
             "pixels_blake3": self.digest,
@@ -411,7 +398,7 @@ impl Report<'_> {
             "clocks_before": self.clocks[0],
             "clocks_after": self.clocks[1],
             "kernels": kernels,
-            "compiled_kernels": compiled::record(compiled, self.device, self.compiled.workgroup_size),
+            "compiled_kernels": compiled::record(self.compiled),
             "triangles": self.prepared.triangles.len(),
             "bvh_nodes": self.prepared.bvh.node_count,
             "bvh_build_seconds": self.prepared.bvh.build_time.as_secs_f64(),

@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::numbers::{Unit, count, estimate, interval, ratio, seconds};
-use super::{Document, plain};
+use super::numbers::{Unit, count, estimate, grouped, interval, ratio, seconds};
+use super::{Document, compiled, plain};
 use crate::studies::{Clock, CombinationReport, CrossingDirection, Provenance, RatioVerdict, SceneReport};
 
 /// A table for each scene, and what to distrust below it.
@@ -70,6 +70,7 @@ fn scene_text(scene: &SceneReport) -> String {
     for combination in &scene.combinations {
         text += &row(combination, unit);
     }
+    text += &compiled_kernels(scene);
     text += &starts(scene);
     let notes: Vec<String> = scene.combinations.iter().flat_map(notes).collect();
     if !notes.is_empty() {
@@ -136,6 +137,36 @@ fn starts(scene: &SceneReport) -> String {
         ];
         let cells = times.map(|time| time.map_or_else(|| "–".to_owned(), seconds));
         text += &format!("| {} | {} |\n", escape(&combination.label), cells.join(" | "));
+    }
+    text
+}
+
+/// A table of what the compiler made of each kernel, where it was asked.
+fn compiled_kernels(scene: &SceneReport) -> String {
+    let rows: Vec<_> =
+        scene.combinations.iter().flat_map(|c| compiled::kernels(c).into_iter().map(move |row| (c, row))).collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    let figures = compiled::figures(rows.iter().map(|(_, row)| row));
+    let heads = ["compiled", "kernel", "time", "SPIR-V instructions", "lanes", compiled::OCCUPANCY];
+    let heads: Vec<String> = heads.into_iter().chain(figures.iter().copied()).map(escape).collect();
+    let mut text = format!("\n| {} |\n| :-- | :--{} |\n", heads.join(" | "), " | --:".repeat(heads.len() - 2));
+    let dash = || "–".to_owned();
+    for (combination, row) in &rows {
+        let mut cells = vec![
+            escape(&combination.label),
+            escape(&row.name),
+            row.gpu_seconds.map_or_else(dash, seconds),
+            grouped(row.spirv_instructions),
+            row.lanes().map_or_else(dash, |lanes| lanes.to_string()),
+            row.occupancy.map_or_else(dash, |share| format!("{:.0} %", 100.0 * share)),
+        ];
+        cells.extend(figures.iter().map(|name| row.figure(name).map_or_else(dash, |value| escape(&plain(value)))));
+        text += &format!("| {} |\n", cells.join(" | "));
+    }
+    if rows.iter().all(|(_, row)| row.executable.is_none()) {
+        text += &format!("\n{}\n", compiled::UNTOLD);
     }
     text
 }

@@ -4,6 +4,7 @@
 //! nothing, knows nothing of the GPU and never prints. JSON holds everything; CSV holds a row for
 //! each combination; Markdown and HTML are for people.
 
+mod compiled;
 mod csv;
 mod envelope;
 mod error;

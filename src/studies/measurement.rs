@@ -15,8 +15,8 @@ use crate::stats::mean;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
     /// The first render of this scene and configuration: builds what it needs, reports
-    /// [`Measurement::settings`], [`Measurement::pipelines`] and the time of start-up, and hands over
-    /// the image. Its times are reported apart and enter no statistic.
+    /// [`Measurement::settings`], [`Measurement::pipelines`], [`Measurement::compiled_kernels`] and the time of
+    /// start-up, and hands over the image. Its times are reported apart and enter no statistic.
     First,
     /// A render that is timed. Whatever the first one has built is kept.
     Timed,
@@ -148,6 +148,8 @@ pub struct Measurement {
     pub settings: Map<String, Value>,
     /// Compile time of each pipeline; of the first render alone.
     pub pipelines: Vec<PipelineBuild>,
+    /// What the compiler made of each kernel, in the order of [`Measurement::kernels`]; of the first render alone.
+    pub compiled_kernels: Vec<CompiledKernelRow>,
     /// From the start of a process to the end of its first sample of every pixel, by this
     /// configuration and without any cache of compiled kernels: the median of several processes. Of
     /// the first render alone; `None` where that was not tried.
@@ -252,6 +254,42 @@ pub struct PipelineBuild {
     pub cold_seconds: Option<f64>,
     /// With every cache filled; `None` where that was not tried.
     pub cached_seconds: Option<f64>,
+}
+
+/// What the compiler made of a kernel, in a pipeline of its own that nothing runs.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct CompiledKernelRow {
+    /// The kernel's name.
+    pub kernel: String,
+    /// Instructions of its specialised SPIR-V that can run.
+    pub spirv_instructions: u64,
+    /// What the driver made of that; `None` where it does not tell.
+    pub executables: Option<Vec<ExecutableRow>>,
+    /// Share of a multiprocessor's warps that its registers leave room for, in [0, 1]; `None` where the device's limits
+    /// or the kernel's registers are not known.
+    pub occupancy_by_registers: Option<f64>,
+}
+
+/// Machine code that a driver made of a kernel. Names and descriptions are the driver's.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ExecutableRow {
+    /// Its name.
+    pub name: String,
+    /// Lanes of a subgroup.
+    pub subgroup_size_lanes: u32,
+    /// What the driver counts, in its order: registers, memory, size of the code.
+    pub figures: Vec<FigureRow>,
+}
+
+/// A number that a driver tells of an executable.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct FigureRow {
+    /// What it is called.
+    pub name: String,
+    /// What it is.
+    pub description: String,
+    /// A number, or whether something is so.
+    pub value: Value,
 }
 
 /// Work of a render, counted by kernels of their own.

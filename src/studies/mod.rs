@@ -24,8 +24,8 @@ pub use envelope::{Envelope, Row, Trial};
 pub use error::StudyError;
 pub use factorial::{Configuration, Design, FACTORS, Factor, FactorKind, Levels, Role, parse_count};
 pub use measurement::{
-    BounceRow, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts, StageWork,
-    WarmUpRow, WorkCounters,
+    BounceRow, CompiledKernelRow, Cpu, ExecutableRow, FigureRow, KernelRow, Measurement, PipelineBuild, Provenance,
+    Purpose, Rays, Renderer, SceneFacts, StageWork, WarmUpRow, WorkCounters,
 };
 pub use noise::{modified_z_scores, outliers, rank_correlation, shuffle, trend};
 pub use runner::{Event, Listener, Rounds, Study};

@@ -9,8 +9,8 @@ use raywave::clocks::{ClockState, Clocks};
 use raywave::film::Image;
 use raywave::stats::{Bootstrap, SplitMix64, normal_quantile};
 use raywave::studies::{
-    BounceRow, Clock, Configuration, Design, Factor, KernelRow, Measurement, PipelineBuild, Purpose, Rays, Renderer,
-    Rounds, SceneFacts, StageWork, Study, WarmUpRow, WorkCounters,
+    BounceRow, Clock, CompiledKernelRow, Configuration, Design, ExecutableRow, Factor, FigureRow, KernelRow,
+    Measurement, PipelineBuild, Purpose, Rays, Renderer, Rounds, SceneFacts, StageWork, Study, WarmUpRow, WorkCounters,
 };
 
 /// What a render is asked for: scene, configuration, purpose, and how many timed ones of this
@@ -196,12 +196,38 @@ fn cost(configuration: &Configuration, purpose: Purpose, wall_seconds: f64) -> M
             cached_seconds: Some(0.002),
         };
         measurement.pipelines = measurement.kernels.iter().map(build).collect();
+        measurement.compiled_kernels = measurement.kernels.iter().map(|row| compiled(&row.kernel)).collect();
         measurement.cold_start_up_seconds = Some(0.61);
         measurement.cached_start_up_seconds = Some(0.29);
         let varied = configuration.iter().map(|(factor, level)| (factor.to_owned(), level.into()));
         measurement.settings = varied.chain([("max_bounces".to_owned(), 8.into())]).collect();
     }
     measurement
+}
+
+/// What a driver might tell of a kernel: of `shade` two executables, of `resolve` nothing.
+fn compiled(kernel: &str) -> CompiledKernelRow {
+    let figure = |name: &str, value: serde_json::Value| FigureRow {
+        name: name.to_owned(),
+        description: format!("the {name}"),
+        value,
+    };
+    let executable = |name: &str, lanes: u32| ExecutableRow {
+        name: name.to_owned(),
+        subgroup_size_lanes: lanes,
+        figures: vec![figure("Register Count", (2 * lanes).into()), figure("Spills <|>", (lanes > 16).into())],
+    };
+    let executables = match kernel {
+        "resolve" => None,
+        "shade" => Some(vec![executable("SIMD16", 16), executable("SIMD32", 32)]),
+        _ => Some(vec![executable("main", 32)]),
+    };
+    CompiledKernelRow {
+        kernel: kernel.to_owned(),
+        spirv_instructions: 1_000 + kernel.len() as u64,
+        occupancy_by_registers: executables.as_ref().map(|_| 0.5),
+        executables,
+    }
 }
 
 /// A small image without two equal pixels.

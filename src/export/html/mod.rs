@@ -12,14 +12,14 @@ mod tradeoff;
 
 use std::sync::Arc;
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use self::pictures::Pictures;
 use self::plots::{KernelColours, RatioRow, crossing_text};
 use self::svg::escape;
 use self::table::{Cell, table};
 use super::numbers::{Unit, bounds, bytes, grouped, power_of_ten, seconds, significant};
-use super::{Document, plain};
+use super::{Document, compiled, plain};
 use crate::film::Image;
 use crate::stats::{Interval, TOO_FEW_ROUNDS};
 use crate::studies::{Clock, CombinationReport, Measurement, RatioVerdict, Report, SceneReport, StageWork, Verdict};
@@ -56,13 +56,14 @@ impl Page {
             "{HEAD}<title>raywave compare: {title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
              {header}<main>\n{overview}{speeds}\
              <section id=\"scenes\"><h2>Where the time goes</h2>\n{tabs}{scenes}</section>\n\
-             {work}{starts}{caveats}{provenance}</main>\n\
+             {work}{compiled}{starts}{caveats}{provenance}</main>\n\
              <script type=\"application/json\" id=\"pictures\">{uris}</script>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n",
             header = header(document, &title),
             overview = overview(report),
             speeds = speeds(report),
             tabs = tabs(report),
             work = work(report),
+            compiled = compiled_kernels(report),
             starts = starts(report),
             caveats = caveats(report),
             provenance = provenance(document),
@@ -216,18 +217,29 @@ fn ratio_row(combination: &CombinationReport) -> RatioRow<'_> {
 
 /// Rows of a table over all combinations: the scene and the factors, then what `cells` adds.
 fn rows(report: &Report, cells: impl Fn(&SceneReport, &CombinationReport) -> Vec<Cell>) -> Vec<(String, Vec<Cell>)> {
+    several_rows(report, |scene, combination| vec![cells(scene, combination)])
+}
+
+/// As [`rows`], with any number of rows for a combination.
+fn several_rows(
+    report: &Report,
+    cells: impl Fn(&SceneReport, &CombinationReport) -> Vec<Vec<Cell>>,
+) -> Vec<(String, Vec<Cell>)> {
     let mut rows = Vec::new();
     for scene in &report.scenes {
         for (i, combination) in scene.combinations.iter().enumerate() {
-            let mut row = vec![Cell::text(&scene.facts.scene)];
-            row.extend(varied(report).map(|factor| {
-                let level = combination.configuration.level(factor).unwrap_or_default();
-                let key = combination.configuration.count(factor).map_or(level.to_owned(), |count| count.to_string());
-                Cell::html(escape(level), &key)
-            }));
-            row.extend(cells(scene, combination));
             let class = if scene.is_baseline(i) { "baseline" } else { combination.verdict.word() };
-            rows.push((class.to_owned(), row));
+            for cells in cells(scene, combination) {
+                let mut row = vec![Cell::text(&scene.facts.scene)];
+                row.extend(varied(report).map(|factor| {
+                    let level = combination.configuration.level(factor).unwrap_or_default();
+                    let count = combination.configuration.count(factor);
+                    let key = count.map_or(level.to_owned(), |count| count.to_string());
+                    Cell::html(escape(level), &key)
+                }));
+                row.extend(cells);
+                rows.push((class.to_owned(), row));
+            }
         }
     }
     rows
@@ -527,6 +539,44 @@ fn stage_work(report: &Report) -> String {
         })
         .collect();
     table("Work of the stages", &columns, &rows)
+}
+
+/// What the compiler made of each kernel, beside its time.
+fn compiled_kernels(report: &Report) -> String {
+    let combinations = report.scenes.iter().flat_map(|scene| &scene.combinations);
+    let all: Vec<_> = combinations.flat_map(compiled::kernels).collect();
+    if all.is_empty() {
+        return String::new();
+    }
+    let figures = compiled::figures(all.iter());
+    let unit = time_unit(report);
+    let fixed = [("kernel", ""), ("time", unit.symbol), ("instructions", "SPIR-V"), ("lanes", ""), ("occupancy", "%")];
+    let mut columns = columns(report, &fixed);
+    columns.extend(figures.iter().map(|name| ((*name).to_owned(), "")));
+    let figure = |value: Option<&Value>| match value {
+        Some(Value::Bool(is)) => Cell::text(if *is { "yes" } else { "no" }),
+        value => Cell::number(value.and_then(Value::as_f64), |_| value.map_or_else(String::new, plain)),
+    };
+    let row = |row: compiled::Row<'_>| {
+        let mut cells = vec![
+            Cell::text(&row.name),
+            Cell::number(row.gpu_seconds, |v| unit.number(v)),
+            Cell::number(Some(row.spirv_instructions as f64), |_| grouped(row.spirv_instructions)),
+            Cell::number(row.lanes().map(f64::from), |v| v.to_string()),
+            Cell::number(row.occupancy, |share| format!("{:.0}", 100.0 * share)),
+        ];
+        cells.extend(figures.iter().map(|name| figure(row.figure(name))));
+        cells
+    };
+    let rows = several_rows(report, |_, c| compiled::kernels(c).into_iter().map(row).collect());
+    let untold = if all.iter().all(|row| row.executable.is_none()) { compiled::UNTOLD } else { "" };
+    format!(
+        "<section id=\"compiled\"><h2>Compiled</h2>\n<p>What the compiler made of each kernel, in pipelines that nothing \
+         runs: instructions of the specialised SPIR-V, and what the driver tells, by its own names. Beside it the kernel's \
+         time in the median run. Occupancy is the share of a multiprocessor's warps for which there are registers. \
+         {untold}</p>\n{}</section>\n",
+        table("Compiled kernels of all combinations", &columns, &rows)
+    )
 }
 
 fn starts(report: &Report) -> String {
