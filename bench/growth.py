@@ -139,7 +139,7 @@ svg text {{ font: 12px system-ui, sans-serif }} .grid {{ stroke: #ddd }}
 table {{ border-collapse: collapse; font-size: 13px; display: block; overflow-x: auto }} th, td {{ padding: 3px 8px; text-align: right; border-bottom: 1px solid #ddd; white-space: nowrap }}
 </style></head><body>
 <h1>Cost of a ray as the scene grows</h1>
-<p>{escape(rows[0]["device"])}, {escape(rows[0]["driver"])}. Galleries (<code>raywave gallery</code>), {options.width}x{options.width * 9 // 16} pixels, one sample; each dump replayed in {options.rounds} rounds. Medians, with 95 % bootstrap intervals as bars.</p>
+<p>{escape(rows[0]["device"])}, {escape(rows[0]["driver"])}. Galleries (<code>raywave gallery</code>), {options.width}x{options.width * 9 // 16} pixels, one sample; each dump replayed in {options.rounds} rounds. Medians, with 95 % intervals as bars.</p>
 <p>From {rows[0]["triangles"]:,} to {rows[-1]["triangles"]:,} triangles rays become slower by these factors: {losses}. The aim for bounce rays is at most {TARGET:g} over four decades.</p>
 {plot(rows)}
 {table(rows)}

@@ -12,9 +12,9 @@ use glam::Vec3;
 use raywave::cli::compare::{self, CompareArguments};
 use raywave::export::{Document, Exports, Format};
 use raywave::film::Image;
-use raywave::stats::{Bootstrap, Estimate, Interval, SplitMix64};
+use raywave::stats::{Estimate, Interval, SplitMix64};
 use raywave::studies::{
-    Clock, Contract, CrossingDirection, Design, Event, Factor, Measurement, Provenance, Purpose, Ratio, RatioMethod,
+    Clock, Contract, Crossing, CrossingDirection, Design, Event, Factor, Measurement, Provenance, Purpose, Ratio,
     RatioVerdict, Report, Rounds, Run, Study, StudyError, Verdict, WarmUpRow, Warning, find_crossings, judge,
     modified_z_scores, outliers, parse_count, rank_correlation, trend,
 };
@@ -327,7 +327,7 @@ fn other_work_is_compared_with_a_baseline_of_its_own() {
     assert_eq!(crossover.points.iter().map(|p| p.cost).collect::<Vec<_>>(), [0.0, 50.0, 200.0]);
     let [crossing] = &crossover.crossings[..] else { panic!("one crossing") };
     assert!((crossing.cost.value - 100.0).abs() < 1e-9, "1 + K/100 = 1.5 + K/200 at K = 100: {crossing:?}");
-    assert_eq!((crossing.direction, crossing.support), (CrossingDirection::AFasterBeyond, Some(1.0)));
+    assert_eq!((crossing.direction, crossing.certain), (CrossingDirection::AFasterBeyond, true));
 }
 
 #[test]
@@ -359,50 +359,65 @@ fn runs(seconds: impl IntoIterator<Item = f64>) -> Vec<Run> {
     seconds.into_iter().enumerate().map(run).collect()
 }
 
+/// That a share of so many cases is as large as was promised, but for four standard errors.
+fn assert_covers(share: f64, cases: usize, what: &str) {
+    let error = (0.95 * 0.05 / cases as f64).sqrt();
+    println!("{what}: covers {share}");
+    assert!(share >= 0.95 - 4.0 * error, "{what}: covers {share}");
+}
+
 #[test]
 fn ratios_cover_the_truth() {
+    const STUDIES: usize = 2000;
     // Rounds that have nothing in common, half, and nearly all of their noise in common.
     for shared in [0.0, 0.5, 0.95_f64] {
         let mut random = SplitMix64::new(3);
-        let (mut covered, mut paired) = (0, 0);
-        const STUDIES: usize = 800;
-        for seed in 0..STUDIES {
-            let bootstrap = Bootstrap { resamples: 400, seed: seed as u64, ..Bootstrap::default() };
-            let (mut a, mut b) = (Vec::new(), Vec::new());
-            for _ in 0..12 {
-                let common = shared.sqrt() * normal(&mut random);
-                let mut own = || (0.05 * (common + (1.0 - shared).sqrt() * normal(&mut random))).exp();
-                a.push(0.9 * own());
-                b.push(own());
+        for rounds in [6, 8, 12_u32] {
+            let (mut covered, mut width) = (0, 0.0);
+            for _ in 0..STUDIES {
+                let (mut a, mut b) = (Vec::new(), Vec::new());
+                for _ in 0..rounds {
+                    let common = shared.sqrt() * normal(&mut random);
+                    let mut own = || (0.05 * (common + (1.0 - shared).sqrt() * normal(&mut random))).exp();
+                    a.push(0.9 * own());
+                    b.push(own());
+                }
+                let ratio = Ratio::of(&runs(a), &runs(b), Clock::Wall).expect("there are runs");
+                covered += usize::from(covers(&ratio.estimate, 0.9));
+                width += ratio.estimate.relative_width() / STUDIES as f64;
             }
-            let ratio = Ratio::of(&runs(a), &runs(b), Clock::Wall, &bootstrap).expect("there are runs");
-            covered += usize::from(covers(&ratio.estimate, 0.9));
-            paired += usize::from(ratio.method == RatioMethod::PairedRounds);
-        }
-        let coverage = covered as f64 / STUDIES as f64;
-        println!("{shared} shared: covers {coverage}, paired {paired}");
-        assert!((0.92..=0.995).contains(&coverage), "{shared} of the noise shared: covers {coverage}");
-        if shared > 0.9 {
-            assert!(paired > STUDIES * 9 / 10, "rounds that are alike are paired: {paired}");
+            assert_covers(covered as f64 / STUDIES as f64, STUDIES, &format!("{rounds} rounds, {shared} shared"));
+            // What is shared cancels: of all but all of the noise a fifth is left.
+            assert!(shared < 0.9 || width < 0.06, "{rounds} rounds that share {shared}: {width}");
         }
     }
 }
 
 #[test]
+fn runs_are_held_against_those_of_their_round() {
+    let (mut a, b) = (runs([2.0, 6.0, 3.0, 8.0, 10.0, 12.0, 14.0]), runs([1.0, 3.0, 99.0, 4.0, 5.0, 6.0, 7.0]));
+    // A run that is missing takes its partner along.
+    a.remove(2);
+    let ratio = Ratio::of(&a, &b, Clock::Wall).expect("six rounds are in both");
+    assert_eq!(ratio.estimate, Estimate { value: 2.0, interval: Some(Interval { low: 2.0, high: 2.0 }) });
+    assert!(Ratio::of(&a[..0], &b, Clock::Wall).is_none());
+}
+
+#[test]
 fn medians_cover_the_truth() {
-    let covered = (0..300).filter(|&seed| {
-        let mut study = study(&["scheduler=wavefront,megakernel"], 15);
-        study.bootstrap = Bootstrap { resamples: 300, seed, ..Bootstrap::default() };
-        study.counting = false;
-        let mut renderer = FakeRenderer::new(megakernel_takes(0.8, 0.1));
-        renderer.random = SplitMix64::new(seed);
-        let report = run(&study, &mut renderer);
-        let seconds = report.scenes[0].combinations[1].seconds.expect("timed");
-        // The median of a lognormal is e to the mean of its logarithm.
-        covers(&seconds, 0.8)
-    });
-    let coverage = covered.count() as f64 / 300.0;
-    assert!((0.91..=0.995).contains(&coverage), "covers {coverage}");
+    for rounds in [6, 7, 15_usize] {
+        let covered = (0..400).filter(|&seed| {
+            let mut study = study(&["scheduler=wavefront,megakernel"], rounds);
+            study.counting = false;
+            let mut renderer = FakeRenderer::new(megakernel_takes(0.8, 0.1));
+            renderer.random = SplitMix64::new(seed);
+            let report = run(&study, &mut renderer);
+            let seconds = report.scenes[0].combinations[1].seconds.expect("timed");
+            // The median of a lognormal is e to the mean of its logarithm.
+            covers(&seconds, 0.8)
+        });
+        assert_covers(covered.count() as f64 / 400.0, 400, &format!("{rounds} rounds"));
+    }
 }
 
 #[test]
@@ -504,7 +519,7 @@ fn too_few_rounds_claim_no_interval() {
         }
         assert_eq!(scene.widest_interval().is_finite(), enough, "{rounds}");
         let [crossing] = scene.crossovers[0].crossings[..] else { panic!("one crossing in {rounds} rounds") };
-        assert_eq!((crossing.cost.interval.is_some(), crossing.support.is_some()), (enough, enough), "{rounds}");
+        assert_eq!((crossing.cost.interval.is_some(), crossing.certain), (enough, enough), "{rounds}");
     }
 }
 
@@ -610,25 +625,42 @@ fn long_studies_are_analysed_now_and_then_and_at_their_end() {
 fn crossings_are_found_with_intervals_that_cover_them() {
     // a = 2 + K/100, b = 1 + K/50: equal at K = 100.
     let costs = [0.0, 64.0, 256.0];
-    let sample = |mean: f64, random: &mut SplitMix64| (0..10).map(|_| mean * (1.0 + 0.02 * normal(random))).collect();
     let mut random = SplitMix64::new(2);
-    let covered = (0..200).filter(|&seed| {
-        let a: Vec<Vec<f64>> = costs.iter().map(|k| sample(2.0 + k / 100.0, &mut random)).collect();
-        let b: Vec<Vec<f64>> = costs.iter().map(|k| sample(1.0 + k / 50.0, &mut random)).collect();
-        let bootstrap = Bootstrap { resamples: 300, seed, ..Bootstrap::default() };
-        let crossings = find_crossings(&costs, &a, &b, &bootstrap);
-        let [crossing] = crossings[..] else { panic!("one crossing: {crossings:?}") };
-        assert_eq!(crossing.direction, CrossingDirection::AFasterBeyond);
-        covers(&crossing.cost, 100.0)
-    });
-    let coverage = covered.count() as f64 / 200.0;
-    assert!((0.9..=1.0).contains(&coverage), "covers {coverage}");
+    for rounds in [6, 10] {
+        const SWEEPS: usize = 1000;
+        let covered = (0..SWEEPS).filter(|_| {
+            let mut sample = |k: f64| -> Vec<f64> {
+                let mut noisy = |mean: f64| mean * (1.0 + 0.02 * normal(&mut random));
+                (0..rounds).map(|_| noisy(2.0 + k / 100.0) - noisy(1.0 + k / 50.0)).collect()
+            };
+            let crossings = find_crossings(&costs, &costs.map(&mut sample));
+            let [crossing] = crossings[..] else { panic!("one crossing: {crossings:?}") };
+            assert_eq!((crossing.direction, crossing.certain), (CrossingDirection::AFasterBeyond, true));
+            covers(&crossing.cost, 100.0)
+        });
+        assert_covers(covered.count() as f64 / SWEEPS as f64, SWEEPS, &format!("crossings of {rounds} rounds"));
+    }
 
-    let lists = |values: &[f64]| values.iter().map(|&value| vec![value; 6]).collect::<Vec<_>>();
-    let bootstrap = Bootstrap { resamples: 10, ..Bootstrap::default() };
-    assert!(find_crossings(&costs, &lists(&[1.0, 2.0, 3.0]), &lists(&[2.0, 3.0, 4.0]), &bootstrap).is_empty());
+    // The interval is where the differences' contains 0, between straight lines.
+    let lists = |spread: f64, values: &[f64]| -> Vec<Vec<f64>> {
+        values.iter().map(|value| (0..6).map(|i| value + spread * (i as f64 - 2.5) / 2.5).collect()).collect()
+    };
+    let whole = |crossings: &[Crossing]| {
+        let [Crossing { cost, direction, certain }] = crossings[..] else { panic!("one crossing: {crossings:?}") };
+        let Interval { low, high } = cost.interval.expect("six are enough");
+        ([low, cost.value, high].map(|cost| cost.round()), direction, certain)
+    };
+    let (a_beyond, b_beyond) = (CrossingDirection::AFasterBeyond, CrossingDirection::BFasterBeyond);
+    let rises = [-64.0, 0.0, 192.0];
+    assert_eq!(whole(&find_crossings(&costs, &lists(32.0, &rises))), ([32.0, 64.0, 96.0], b_beyond, true));
+    assert_eq!(whole(&find_crossings(&costs, &lists(32.0, &rises.map(|d| -d)))), ([32.0, 64.0, 96.0], a_beyond, true));
+    // Where one is not surely faster even at an end, the interval goes on to there and says so.
+    assert_eq!(whole(&find_crossings(&costs, &lists(100.0, &rises))), ([0.0, 64.0, 164.0], b_beyond, false));
+    assert_eq!(whole(&find_crossings(&costs, &lists(200.0, &rises))), ([0.0, 64.0, 256.0], b_beyond, false));
+
+    assert!(find_crossings(&costs, &lists(0.0, &[-1.0, -1.0, -1.0])).is_empty());
     // Equal at a measured cost: one crossing, not two and not none.
-    let touching = find_crossings(&costs, &lists(&[2.0, 2.0, 2.0]), &lists(&[1.0, 2.0, 3.0]), &bootstrap);
+    let touching = find_crossings(&costs, &lists(0.0, &[1.0, 0.0, -1.0]));
     assert_eq!(touching.len(), 1);
 }
 

@@ -32,7 +32,6 @@ use project::project_file;
 /// noise, of another estimator, wrong and failed, warnings, texts that need escapes.
 fn example() -> Report {
     let mut study = study(&["scheduler=wavefront,megakernel,in-flight=16k,64k,1M,integrator=explicit,implicit"], 15);
-    study.bootstrap = Bootstrap { resamples: 1000, ..Bootstrap::default() };
     study.scenes = vec!["caustic".to_owned(), "glass".to_owned()];
     let mut renderer = FakeRenderer::new(|call, random| {
         let level = |factor| call.configuration.level(factor).unwrap_or_default();
@@ -81,8 +80,7 @@ fn example() -> Report {
 
 /// A crossover that noise blurs.
 fn example_of_a_crossover() -> Report {
-    let mut study = study(&["scheduler=wavefront,megakernel,shading-cost"], 12);
-    study.bootstrap = Bootstrap { resamples: 1000, ..Bootstrap::default() };
+    let study = study(&["scheduler=wavefront,megakernel,shading-cost"], 12);
     let mut renderer = FakeRenderer::new(|call, random| {
         let cost = call.configuration.count("shading-cost").unwrap_or(0) as f64;
         let mega = call.configuration.level("scheduler") == Some("megakernel");
@@ -357,8 +355,7 @@ fn compiled_kernels_stand_beside_their_times() {
 #[test]
 fn too_few_rounds_are_the_verdict_in_every_format() {
     let told = |rounds| {
-        let mut study = study(&["scheduler=wavefront,megakernel,shading-cost=0,1k"], rounds);
-        study.bootstrap = Bootstrap { resamples: 100, ..Bootstrap::default() };
+        let study = study(&["scheduler=wavefront,megakernel,shading-cost=0,1k"], rounds);
         let mut renderer = FakeRenderer::new(|call, random| {
             let cost = call.configuration.count("shading-cost").unwrap_or(0) as f64;
             let mega = call.configuration.level("scheduler") == Some("megakernel");

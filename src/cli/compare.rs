@@ -14,7 +14,6 @@ use indicatif::ProgressBar;
 use super::picture::PictureArguments;
 use super::{print, stop_on_interrupt};
 use crate::export::{Document, Exports, Format};
-use crate::stats::Bootstrap;
 use crate::studies::{
     Clock, Design, Event, Factor, Provenance, Purpose, Renderer, Report, Rounds, Study, StudyError, Verdict,
 };
@@ -113,7 +112,6 @@ pub fn study(arguments: &CompareArguments) -> Result<Study, StudyError> {
         scenes: if arguments.scenes.is_empty() { vec![String::new()] } else { arguments.scenes.clone() },
         rounds: Rounds { min: arguments.rounds, max, until: arguments.until },
         clock: arguments.clock,
-        bootstrap: Bootstrap::default(),
         seed: arguments.order_seed,
         counting: !arguments.no_counters,
     })

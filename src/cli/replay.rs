@@ -12,7 +12,7 @@ use crate::gpu::DeviceDescription;
 use crate::layout::WorkCount;
 use crate::rays::{Metadata, RayClass, RayDump};
 use crate::render::{Defaults, PreparedScene, Replay, ReplayOutcome, Settings, Warmth};
-use crate::stats::{Bootstrap, Interval, TOO_FEW_ROUNDS};
+use crate::stats::{CONFIDENCE, Estimate, Interval, TOO_FEW_ROUNDS};
 
 use super::devices::kind_name;
 use super::dump_rays::{class_name, ray_scene};
@@ -143,7 +143,7 @@ impl Report<'_> {
         let times = if self.repeat > 1 { format!(", {} times over", self.repeat) } else { String::new() };
         let launches = if outcome.launches > 1 { format!(", in {} launches", outcome.launches) } else { String::new() };
         let met = if self.metadata.class == RayClass::Shadow { "blocked" } else { "hit" };
-        let speed = Bootstrap::default().median(&self.speeds());
+        let speed = Estimate::of_median(&self.speeds());
         let millions = |speed: f64| format!("{:.3}", speed / 1e6);
         let interval = speed.interval.map_or_else(
             || TOO_FEW_ROUNDS.to_owned(),
@@ -180,8 +180,7 @@ impl Report<'_> {
 
     fn json(&self) -> serde_json::Value {
         let outcome = &self.outcome;
-        let bootstrap = Bootstrap::default();
-        let speed = bootstrap.median(&self.speeds());
+        let speed = Estimate::of_median(&self.speeds());
         let (min, max) = self.range();
         json!({
             "raywave_version": env!("CARGO_PKG_VERSION"),
@@ -214,7 +213,7 @@ impl Report<'_> {
                 "low": speed.interval.map(|interval| interval.low),
                 "high": speed.interval.map(|interval| interval.high),
                 "verdict": speed.interval.is_none().then_some(TOO_FEW_ROUNDS),
-                "confidence": bootstrap.confidence,
+                "confidence": CONFIDENCE,
                 "min": min,
                 "max": max,
             },

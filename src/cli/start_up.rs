@@ -24,7 +24,7 @@ use super::{load_scene, open_device, print};
 use crate::export::numbers::{Unit, interval};
 use crate::export::plain;
 use crate::render::{Defaults, PreparedScene, Session, Settings};
-use crate::stats::{Bootstrap, Estimate};
+use crate::stats::{CONFIDENCE, Estimate};
 
 /// Measure how long a process takes to its first sample, with cold and with warm shader caches
 ///
@@ -179,7 +179,7 @@ pub fn first_sample(arguments: &FirstSampleArguments) -> anyhow::Result<()> {
 
 impl StartUps {
     fn contrast(&self, pick: impl Fn(&Run) -> f64) -> Contrast {
-        let median = |runs: &[Run]| Bootstrap::default().median(&runs.iter().map(&pick).collect::<Vec<_>>());
+        let median = |runs: &[Run]| Estimate::of_median(&runs.iter().map(&pick).collect::<Vec<_>>());
         Contrast { cold: median(&self.cold), cached: median(&self.cached) }
     }
 
@@ -247,7 +247,7 @@ pub fn run_command(arguments: &StartUpArguments) -> anyhow::Result<()> {
         tell("scheduler"),
         tell("device"),
         arguments.rounds,
-        100.0 * Bootstrap::default().confidence,
+        100.0 * CONFIDENCE,
         "",
         "cold",
     );

@@ -22,7 +22,7 @@ use crate::render::{
     Traversal, WarmUp, Warmth,
 };
 use crate::scene::Scene;
-use crate::stats::{Bootstrap, Estimate, SplitMix64, TOO_FEW_ROUNDS, median};
+use crate::stats::{CONFIDENCE, Estimate, FEWEST_ROUNDS, SplitMix64, TOO_FEW_ROUNDS, median};
 use crate::studies::shuffle;
 
 /// Find the fastest way to trace a scene's rays on a device, and keep it for later renders
@@ -320,9 +320,10 @@ fn plans<'a>(measured: &'a [Measured], frozen: &[Frozen]) -> Vec<Plan<'a>> {
     shared.into_iter().map(plan).collect()
 }
 
-/// How many times as fast as another a plan is.
+/// How many times as fast as another a plan is, round by round.
 fn speed_up(plan: &Plan<'_>, other: &Plan<'_>) -> Estimate {
-    Bootstrap::default().ratio_of_medians(&other.seconds, &plan.seconds)
+    let ratios = other.seconds.iter().zip(&plan.seconds).map(|(other, own)| other / own);
+    Estimate::of_median(&ratios.collect::<Vec<_>>())
 }
 
 /// The fastest plan, or the default where that may be as fast.
@@ -359,14 +360,13 @@ impl Report<'_> {
     }
 
     fn lines(&self, plans: &[Plan<'_>], file: Option<&std::path::Path>) -> String {
-        let bootstrap = Bootstrap::default();
         let Settings { width, height, .. } = self.settings;
         let mut text = format!(
             "{}, {width}x{height}, on {}\nM rays/s: medians of {} rounds in random order, with {:.0} % intervals\n\n",
             self.scene.name,
             self.device.description().name,
             self.rounds(),
-            100.0 * bootstrap.confidence,
+            100.0 * CONFIDENCE,
         );
         let head = |frozen: &Frozen| {
             let rays = HumanCount(frozen.rays.len() as u64);
@@ -389,8 +389,8 @@ impl Report<'_> {
         }
         text += "\nchosen  ";
         text += &describe(&self.chosen.ways[0].traversal, self.tuning().packets());
-        if self.rounds() < bootstrap.enough() {
-            text += &format!(": the default; {TOO_FEW_ROUNDS} to say what is faster, {} can", bootstrap.enough());
+        if self.rounds() < FEWEST_ROUNDS {
+            text += &format!(": the default; {TOO_FEW_ROUNDS} to say what is faster, {FEWEST_ROUNDS} can");
         } else if std::ptr::eq(self.chosen, self.own) {
             text += ": the default, than which nothing is surely faster";
         }
@@ -460,7 +460,7 @@ impl Report<'_> {
 
 /// Rays a second, of seconds a ray.
 fn speed(seconds: &[f64]) -> Estimate {
-    Bootstrap::default().median(&seconds.iter().map(|seconds| 1.0 / seconds).collect::<Vec<_>>())
+    Estimate::of_median(&seconds.iter().map(|seconds| 1.0 / seconds).collect::<Vec<_>>())
 }
 
 fn millions(value: f64) -> String {

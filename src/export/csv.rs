@@ -1,7 +1,7 @@
 //! Comma-separated values.
 
 use super::Document;
-use crate::studies::{CombinationReport, RatioMethod, SceneReport};
+use crate::studies::{CombinationReport, SceneReport};
 
 /// The header and a row for each combination.
 pub fn write(document: &Document<'_>) -> String {
@@ -33,10 +33,6 @@ fn cells(
     let (seconds, ratio) = (combination.seconds, combination.ratio);
     let seconds_interval = seconds.and_then(|seconds| seconds.interval);
     let ratio_interval = ratio.and_then(|ratio| ratio.estimate.interval);
-    let method = |method| match method {
-        RatioMethod::Medians => "medians",
-        RatioMethod::PairedRounds => "paired_rounds",
-    };
     let warnings: Vec<String> = combination.warnings.iter().map(ToString::to_string).collect();
 
     let mut cells = vec![
@@ -62,7 +58,6 @@ fn cells(
         ("ratio", number(ratio.map(|r| r.estimate.value))),
         ("ratio_low", number(ratio_interval.map(|i| i.low))),
         ("ratio_high", number(ratio_interval.map(|i| i.high))),
-        ("ratio_method", ratio.map_or("", |r| method(r.method)).to_owned()),
         ("ratio_verdict", ratio.map_or("", |r| r.verdict().words()).to_owned()),
         ("samples_per_second", number(combination.samples_per_second())),
         ("rays_per_second", number(combination.rays_per_second())),

@@ -14,7 +14,7 @@ pub fn write(document: &Document<'_>) -> String {
         text += "**The study was not finished; this is what it has so far.**\n\n";
     }
     text += &format!(
-        "Medians of the {} clock with {:.0} % bootstrap intervals. A ratio is time over the baseline's: below 1 is faster.\n",
+        "Medians of the {} clock with {:.0} % intervals. A ratio is time over the baseline's: below 1 is faster.\n",
         match report.clock {
             Clock::Wall => "host's",
             Clock::Gpu => "device's",

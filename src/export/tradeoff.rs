@@ -206,7 +206,7 @@ fn markdown(document: &TradeoffDocument<'_>) -> String {
     );
     text += &findings(report).iter().map(|finding| format!("- {}\n", escape(finding))).collect::<String>();
     text += &format!(
-        "\nMedians of the device's time; intervals of {:.0} % by resampling the renders. Squared errors are relative to radiance² + 0.01.\n",
+        "\nMedians of the device's time; intervals of {:.0} %, those of errors by resampling the renders. Squared errors are relative to radiance² + 0.01.\n",
         100.0 * report.confidence
     );
     text += "\n| knob | time | time to equal variance | bias² | mean shift | worth | pays above relMSE |\n";

@@ -9,12 +9,12 @@ use serde_json::{Map, Value};
 
 use super::crossover::{Crossover, crossovers};
 use super::measurement::{Measurement, SceneFacts, WarmUpRow, WorkCounters};
-use super::noise::{outliers, rank_correlation, trend};
+use super::noise::{outliers, trend};
 use super::validity::Verdict;
 use super::{Configuration, Rounds, Study};
 use crate::clocks::ClockState;
 use crate::film::Image;
-use crate::stats::{Bootstrap, Estimate, TOO_FEW_ROUNDS, median};
+use crate::stats::{CONFIDENCE, Estimate, FEWEST_ROUNDS, TOO_FEW_ROUNDS, median};
 
 /// p-value of a trend below which the timings drift.
 const DRIFT_P: f64 = 0.01;
@@ -27,11 +27,6 @@ const KERNEL_SUM_TOLERANCE: f64 = 0.05;
 const CLOCK_TOLERANCE: f64 = 0.02;
 /// Reasons for a low clock that are no fault: it has nothing to do, or the user has set it.
 const IDLE: [&str; 2] = ["gpu_idle", "applications_clocks_setting"];
-
-/// Rank correlation of two combinations' times over the rounds above which rounds are paired. Where
-/// it is surely above 0 pairing makes the interval narrower; of a dozen rounds 0.5 is 1 in 20 by
-/// chance.
-const PAIRING_CORRELATION: f64 = 0.5;
 
 /// The clock by which combinations are compared.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -60,8 +55,6 @@ pub struct Report {
     pub clock: Clock,
     /// Share of intervals that cover the true value.
     pub confidence: f64,
-    /// Resamples of each interval.
-    pub bootstrap_resamples: usize,
     /// Seed of the order of the rounds.
     pub seed: u64,
     /// Scene by scene, as far as the study went.
@@ -128,13 +121,13 @@ pub struct Run {
     pub measurement: Measurement,
 }
 
-/// How many times the baseline's time a combination takes.
+/// How many times the baseline's time a combination takes: the median over the rounds of the ratio within a round. Runs
+/// of a round share its noise where there is any to share, and where there is none the interval is as wide as that of
+/// the ratio of the medians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ratio {
     /// The ratio; below 1 is faster than the baseline.
     pub estimate: Estimate,
-    /// Where it comes from.
-    pub method: RatioMethod,
 }
 
 /// What a ratio says of a combination.
@@ -160,19 +153,6 @@ impl RatioVerdict {
             Self::TooFewRounds => TOO_FEW_ROUNDS,
         }
     }
-}
-
-/// Two ways to a ratio. Which one is narrower follows from the rank correlation of the two times
-/// over the rounds; to compute both and report the narrower interval would make it cover less often
-/// than it says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RatioMethod {
-    /// The ratio of the medians, each resampled by itself. Narrower where the rounds have nothing
-    /// in common.
-    Medians,
-    /// The median of each round's ratio. Narrower where whole rounds are slow or fast together.
-    PairedRounds,
 }
 
 /// Something to distrust in a combination's timings.
@@ -252,8 +232,7 @@ impl Report {
             baseline: study.design.baseline().clone(),
             rounds: study.rounds,
             clock: study.clock,
-            confidence: study.bootstrap.confidence,
-            bootstrap_resamples: study.bootstrap.resamples,
+            confidence: CONFIDENCE,
             seed: study.seed,
             scenes: Vec::new(),
         }
@@ -328,13 +307,13 @@ impl SceneReport {
             let ratio = (!self.is_baseline(i)).then(|| {
                 let (runs, base) = (&self.combinations[i], self.baseline_of(i));
                 let both_count = runs.verdict.counts() && base.verdict.counts();
-                both_count.then(|| Ratio::of(&runs.runs, &base.runs, study.clock, &study.bootstrap))?
+                both_count.then(|| Ratio::of(&runs.runs, &base.runs, study.clock))?
             });
             self.combinations[i].ratio = ratio.flatten();
             self.combinations[i].analyse(study);
         }
         self.rank();
-        self.crossovers = crossovers(self, &study.design, study.clock, &study.bootstrap);
+        self.crossovers = crossovers(self, &study.design, study.clock);
     }
 
     fn rank(&mut self) {
@@ -359,19 +338,19 @@ impl CombinationReport {
             return;
         }
         let seconds: Vec<f64> = self.runs.iter().map(|run| run.seconds(study.clock)).collect();
-        let estimate = study.bootstrap.median(&seconds);
+        let estimate = Estimate::of_median(&seconds);
         self.seconds = Some(estimate);
         let mut order: Vec<usize> = (0..seconds.len()).collect();
         order.sort_by(|&a, &b| seconds[a].total_cmp(&seconds[b]));
         self.typical = Some(self.runs[order[(order.len() - 1) / 2]].measurement.clone());
         let shrink = self.width() / study.rounds.until.unwrap_or(TARGET_WIDTH);
         self.rounds_needed = shrink.is_finite().then(|| (seconds.len() as f64 * shrink * shrink).ceil() as usize);
-        self.warn(&seconds, estimate.value, study.bootstrap.enough());
+        self.warn(&seconds, estimate.value);
     }
 
-    fn warn(&mut self, seconds: &[f64], median: f64, enough: usize) {
-        if seconds.len() < enough {
-            self.warnings.push(Warning::FewRounds { rounds: seconds.len(), enough });
+    fn warn(&mut self, seconds: &[f64], median: f64) {
+        if seconds.len() < FEWEST_ROUNDS {
+            self.warnings.push(Warning::FewRounds { rounds: seconds.len(), enough: FEWEST_ROUNDS });
         }
         let mut outliers = outliers(seconds);
         if outliers.first() == Some(&0) && seconds[0] > median {
@@ -473,25 +452,10 @@ impl Run {
 }
 
 impl Ratio {
-    /// The ratio of the runs' times to the baseline's; `None` where either has none.
-    pub fn of(runs: &[Run], baseline: &[Run], clock: Clock, bootstrap: &Bootstrap) -> Option<Self> {
-        let seconds = |runs: &[Run]| runs.iter().map(|run| run.seconds(clock)).collect::<Vec<f64>>();
-        let pair = |run: &Run| {
-            let base = baseline.iter().find(|base| base.round == run.round)?;
-            Some((run.seconds(clock), base.seconds(clock)))
-        };
-        let pairs: Vec<(f64, f64)> = runs.iter().filter_map(pair).collect();
-        if pairs.is_empty() {
-            return None;
-        }
-        let (times, base_times): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
-        let (estimate, method) = if rank_correlation(&times, &base_times) > PAIRING_CORRELATION {
-            let ratios: Vec<f64> = pairs.iter().map(|(time, base)| time / base).collect();
-            (bootstrap.median(&ratios), RatioMethod::PairedRounds)
-        } else {
-            (bootstrap.ratio_of_medians(&seconds(runs), &seconds(baseline)), RatioMethod::Medians)
-        };
-        Some(Self { estimate, method })
+    /// The ratio of the runs' times to the baseline's; `None` where they have no round in common.
+    pub fn of(runs: &[Run], baseline: &[Run], clock: Clock) -> Option<Self> {
+        let ratios: Vec<f64> = in_rounds(runs, baseline, clock).map(|(time, base)| time / base).collect();
+        (!ratios.is_empty()).then(|| Self { estimate: Estimate::of_median(&ratios) })
     }
 
     /// What it says.
@@ -505,14 +469,19 @@ impl Ratio {
     }
 }
 
+/// The times of two combinations in each round that both were rendered in.
+pub(super) fn in_rounds(runs: &[Run], others: &[Run], clock: Clock) -> impl Iterator<Item = (f64, f64)> {
+    let other = |run: &Run| others.iter().find(|other| other.round == run.round);
+    runs.iter().filter_map(move |run| Some((run.seconds(clock), other(run)?.seconds(clock))))
+}
+
 impl Serialize for Ratio {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut fields = serializer.serialize_struct("Ratio", 5)?;
+        let mut fields = serializer.serialize_struct("Ratio", 4)?;
         fields.serialize_field("value", &self.estimate.value)?;
         fields.serialize_field("low", &self.estimate.interval.map(|interval| interval.low))?;
         fields.serialize_field("high", &self.estimate.interval.map(|interval| interval.high))?;
         fields.serialize_field("verdict", self.verdict().words())?;
-        fields.serialize_field("method", &self.method)?;
         fields.end()
     }
 }

@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use super::analysis::{Clock, SceneReport};
+use super::analysis::{Clock, SceneReport, in_rounds};
 use super::{Configuration, Design, Role};
-use crate::stats::{Bootstrap, Estimate, Interval, SplitMix64, median, quantile};
+use crate::stats::{Estimate, Interval};
 
 /// Two combinations over a swept cost.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -35,14 +35,13 @@ pub struct CrossoverPoint {
 /// A cost at which both take the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Crossing {
-    /// The cost. Its interval is of those resamples that cross; `None` where a list of timings has fewer
-    /// than can hold the confidence.
+    /// The cost. Its interval is where neither is surely faster; `None` where a cost was measured in too few rounds.
     pub cost: Estimate,
     /// Which one is faster beyond.
     pub direction: CrossingDirection,
-    /// Share of resamples that cross in this direction, in [0, 1]. Well below 1 it is not certain
-    /// that there is a crossing at all. `None` where there is no interval.
-    pub support: Option<f64>,
+    /// Whether one is surely faster before the interval and the other beyond it. Else the interval ends with what was
+    /// measured, and it is not certain that there is a crossing at all.
+    pub certain: bool,
 }
 
 /// Which of two combinations is faster beyond a crossing.
@@ -55,84 +54,62 @@ pub enum CrossingDirection {
     BFasterBeyond,
 }
 
-/// Finds where the medians of two lists of timings cross over ascending costs, one list for each
-/// cost.
+/// Finds where the times of two combinations cross over ascending costs, by their differences, the first's time less the
+/// second's, of every round at each cost.
 ///
-/// Between two costs the difference of the medians is taken to be linear in the cost, which it is
-/// where both times are: added work takes its time each time. The interval comes from resampling
-/// every list by itself and looking for the crossing of the same direction that is nearest.
-pub fn find_crossings(costs: &[f64], a: &[Vec<f64>], b: &[Vec<f64>], bootstrap: &Bootstrap) -> Vec<Crossing> {
-    let medians = |lists: &[Vec<f64>]| lists.iter().map(|list| median(list)).collect::<Vec<f64>>();
-    let mut random = SplitMix64::new(bootstrap.seed);
-    let mut resampled = |lists: &[Vec<f64>]| {
-        let resample = |list: &Vec<f64>| {
-            let draws: Vec<f64> = (0..list.len()).map(|_| list[random.next_index(list.len())]).collect();
-            median(&draws)
-        };
-        lists.iter().map(resample).collect::<Vec<f64>>()
-    };
-    let found = crossings_of(costs, &medians(a), &medians(b));
-    if a.iter().chain(b).any(|list| list.len() < bootstrap.enough()) {
-        let bare =
-            |(cost, direction)| Crossing { cost: Estimate { value: cost, interval: None }, direction, support: None };
-        return found.into_iter().map(bare).collect();
-    }
-    let mut nearest: Vec<Vec<f64>> = vec![Vec::new(); found.len()];
-    if !found.is_empty() {
-        for _ in 0..bootstrap.resamples {
-            let others = crossings_of(costs, &resampled(a), &resampled(b));
-            for (crossing, nearest) in found.iter().zip(&mut nearest) {
-                let alike = others.iter().filter(|other| other.1 == crossing.1).map(|other| other.0);
-                nearest.extend(alike.min_by(|x, y| (x - crossing.0).abs().total_cmp(&(y - crossing.0).abs())));
-            }
-        }
-    }
-    let tail = (1.0 - bootstrap.confidence) / 2.0;
-    let with_interval = |((cost, direction), resamples): ((f64, CrossingDirection), Vec<f64>)| Crossing {
-        cost: Estimate {
-            value: cost,
-            interval: Some(Interval { low: quantile(&resamples, tail), high: quantile(&resamples, 1.0 - tail) }),
-        },
-        direction,
-        support: Some(resamples.len() as f64 / bootstrap.resamples as f64),
-    };
-    found.into_iter().zip(nearest).map(with_interval).collect()
-}
-
-/// Costs at which `a` and `b` take the same time.
-fn crossings_of(costs: &[f64], a: &[f64], b: &[f64]) -> Vec<(f64, CrossingDirection)> {
+/// Between two costs the median difference is taken to be linear in the cost, which it is where both times are: added work
+/// takes its time each time. So are the ends of its interval, and the crossing is somewhere where that contains 0.
+pub fn find_crossings(costs: &[f64], differences: &[Vec<f64>]) -> Vec<Crossing> {
+    let medians: Vec<Estimate> = differences.iter().map(|differences| Estimate::of_median(differences)).collect();
     let mut crossings = Vec::new();
+    let mut before: Option<usize> = None;
     // Where the times are equal at a measured cost, the crossing is between the costs around it.
-    let differences = costs.iter().zip(a.iter().zip(b).map(|(a, b)| a - b)).filter(|(_, d)| *d != 0.0);
-    let mut before: Option<(f64, f64)> = None;
-    for (&cost, difference) in differences {
-        if let Some((cost_before, difference_before)) = before
-            && (difference_before < 0.0) != (difference < 0.0)
+    for i in (0..costs.len()).filter(|i| medians[*i].value != 0.0) {
+        if let Some(before) = before
+            && (medians[before].value < 0.0) != (medians[i].value < 0.0)
         {
-            let share = difference_before / (difference_before - difference);
-            let direction =
-                if difference < 0.0 { CrossingDirection::AFasterBeyond } else { CrossingDirection::BFasterBeyond };
-            crossings.push((cost_before + share * (cost - cost_before), direction));
+            crossings.push(crossing_between(costs, &medians, before, i));
         }
-        before = Some((cost, difference));
+        before = Some(i);
     }
     crossings
 }
 
-/// The crossovers of a scene: for each workload that has several levels, the baseline against each
-/// other combination.
-pub(super) fn crossovers(scene: &SceneReport, design: &Design, clock: Clock, bootstrap: &Bootstrap) -> Vec<Crossover> {
-    let swept = design.factors().iter().filter(|f| f.kind.role == Role::Workload && f.levels.len() > 1);
-    swept.flat_map(|factor| sweeps(scene, design, factor.kind.name, clock, bootstrap)).collect()
+/// The crossing between two costs, given by their places.
+fn crossing_between(costs: &[f64], medians: &[Estimate], before: usize, after: usize) -> Crossing {
+    // Turned so that the difference rises.
+    let falls = medians[after].value < 0.0;
+    let sign = if falls { -1.0 } else { 1.0 };
+    let value = |i: usize| (costs[i], sign * medians[i].value);
+    let low = |i: usize| (costs[i], if falls { -medians[i].highest() } else { medians[i].lowest() });
+    let high = |i: usize| (costs[i], if falls { -medians[i].lowest() } else { medians[i].highest() });
+    let surely_before = (0..=before).rev().find(|i| high(*i).1 < 0.0);
+    let surely_after = (after..costs.len()).find(|i| low(*i).1 > 0.0);
+    let known = medians.iter().all(|median| median.interval.is_some());
+    let interval = known.then(|| Interval {
+        low: surely_before.map_or(costs[0], |i| root(high(i), high(i + 1))),
+        high: surely_after.map_or(costs[costs.len() - 1], |i| root(low(i - 1), low(i))),
+    });
+    Crossing {
+        cost: Estimate { value: root(value(before), value(after)), interval },
+        direction: if falls { CrossingDirection::AFasterBeyond } else { CrossingDirection::BFasterBeyond },
+        certain: known && surely_before.is_some() && surely_after.is_some(),
+    }
 }
 
-fn sweeps(
-    scene: &SceneReport,
-    design: &Design,
-    factor: &'static str,
-    clock: Clock,
-    bootstrap: &Bootstrap,
-) -> Vec<Crossover> {
+/// Where the line through two points is 0.
+fn root((x, y): (f64, f64), (next_x, next_y): (f64, f64)) -> f64 {
+    x + y / (y - next_y) * (next_x - x)
+}
+
+/// The crossovers of a scene: for each workload that has several levels, the baseline against each
+/// other combination.
+pub(super) fn crossovers(scene: &SceneReport, design: &Design, clock: Clock) -> Vec<Crossover> {
+    let swept = design.factors().iter().filter(|f| f.kind.role == Role::Workload && f.levels.len() > 1);
+    swept.flat_map(|factor| sweeps(scene, design, factor.kind.name, clock)).collect()
+}
+
+fn sweeps(scene: &SceneReport, design: &Design, factor: &'static str, clock: Clock) -> Vec<Crossover> {
     let mut lowest: Vec<&Configuration> = Vec::new();
     for configuration in scene.combinations.iter().map(|combination| &combination.configuration) {
         if !lowest.iter().any(|known| known.without(factor) == configuration.without(factor)) {
@@ -154,24 +131,22 @@ fn sweeps(
                     a_seconds: a.seconds?,
                     b_seconds: b.seconds?,
                 };
-                let seconds =
-                    |c: &super::CombinationReport| c.runs.iter().map(|run| run.seconds(clock)).collect::<Vec<f64>>();
-                Some((point, seconds(a), seconds(b)))
+                let differences = in_rounds(&a.runs, &b.runs, clock).map(|(a, b)| a - b).collect();
+                Some((point, differences))
             })
             .collect();
         if points.len() < 2 {
             return None;
         }
         points.sort_by(|x, y| x.0.cost.total_cmp(&y.0.cost));
-        let costs: Vec<f64> = points.iter().map(|point| point.0.cost).collect();
-        let (a, b): (Vec<Vec<f64>>, Vec<Vec<f64>>) =
-            points.iter().map(|point| (point.1.clone(), point.2.clone())).unzip();
+        let (points, differences): (Vec<CrossoverPoint>, Vec<Vec<f64>>) = points.into_iter().unzip();
+        let costs: Vec<f64> = points.iter().map(|point| point.cost).collect();
         Some(Crossover {
             factor,
             a: design.label_without(&design.baseline_of(configuration), factor),
             b: design.label_without(configuration, factor),
-            points: points.into_iter().map(|point| point.0).collect(),
-            crossings: find_crossings(&costs, &a, &b, bootstrap),
+            points,
+            crossings: find_crossings(&costs, &differences),
         })
     };
     lowest.into_iter().filter_map(sweep).collect()

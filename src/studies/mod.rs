@@ -16,9 +16,7 @@ mod runner;
 pub mod tradeoff;
 mod validity;
 
-pub use analysis::{
-    Clock, CombinationReport, Drift, Ratio, RatioMethod, RatioVerdict, Report, Run, SceneReport, Warning,
-};
+pub use analysis::{Clock, CombinationReport, Drift, Ratio, RatioVerdict, Report, Run, SceneReport, Warning};
 pub use crossover::{Crossing, CrossingDirection, Crossover, CrossoverPoint, find_crossings};
 pub use envelope::{Envelope, Row, Trial};
 pub use error::StudyError;

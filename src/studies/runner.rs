@@ -11,7 +11,7 @@ use super::noise::shuffle;
 use super::validity::{Verdict, judge};
 use super::{Configuration, Design, StudyError};
 use crate::film::Image;
-use crate::stats::{Bootstrap, SplitMix64};
+use crate::stats::SplitMix64;
 
 /// The share of rounds, as 1 in so many, that may pass before they are analysed anew: the device waits for that.
 const ROUNDS_PER_ANALYSIS: usize = 8;
@@ -41,8 +41,6 @@ pub struct Study {
     pub rounds: Rounds,
     /// The clock that is compared.
     pub clock: Clock,
-    /// How intervals are made.
-    pub bootstrap: Bootstrap,
     /// Seed of the order of the rounds.
     pub seed: u64,
     /// Whether each combination is rendered once more with kernels that count.

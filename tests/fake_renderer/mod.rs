@@ -7,7 +7,7 @@ use std::error::Error;
 use glam::Vec3;
 use raywave::clocks::{ClockState, Clocks};
 use raywave::film::Image;
-use raywave::stats::{Bootstrap, SplitMix64, normal_quantile};
+use raywave::stats::{SplitMix64, normal_quantile};
 use raywave::studies::{
     BounceRow, Clock, CompiledKernelRow, Configuration, Design, ExecutableRow, Factor, FigureRow, KernelRow,
     Measurement, PipelineBuild, Purpose, Rays, Renderer, Rounds, SceneFacts, StageWork, Study, WarmUpRow, WorkCounters,
@@ -250,7 +250,6 @@ pub fn study(vary: &[&str], rounds: usize) -> Study {
         scenes: vec!["box".to_owned()],
         rounds: Rounds { min: rounds, max: rounds, until: None },
         clock: Clock::Wall,
-        bootstrap: Bootstrap { resamples: 500, ..Bootstrap::default() },
         seed: 7,
         counting: true,
     }

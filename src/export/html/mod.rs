@@ -644,13 +644,9 @@ fn provenance(document: &Document<'_>) -> String {
     let method = format!(
         "First renders of every combination, unmeasured; renders that are thrown away until two windows of them agree \
          within 1 %, or for 3 s, before the first round and wherever the device had rested; then {} to {} rounds{until}. Each round renders every \
-         combination once, in a random order (seed {}). Intervals by percentile bootstrap of {} resamples. A ratio is \
-         the median of each round's ratio where the two times rise and fall together from round to round (rank \
-         correlation above 0.5), else the ratio of the medians.",
-        report.rounds.min,
-        report.rounds.max,
-        report.seed,
-        grouped(report.bootstrap_resamples as u64)
+         combination once, in a random order (seed {}). A ratio is the median of the rounds' own. \
+         Intervals of medians run from one order statistic to another and hold their confidence whatever the distribution.",
+        report.rounds.min, report.rounds.max, report.seed
     );
     let mut entries: Vec<(String, String)> = vec![
         ("command".into(), provenance.command_line.clone()),

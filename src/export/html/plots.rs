@@ -336,12 +336,9 @@ pub fn crossing_text(crossover: &Crossover, crossing: &crate::studies::Crossing)
         CrossingDirection::AFasterBeyond => &crossover.a,
         CrossingDirection::BFasterBeyond => &crossover.b,
     };
-    let support = match crossing.support {
-        Some(support) if support < 0.975 => format!("; only {:.0} % of the resamples cross here", 100.0 * support),
-        _ => String::new(),
-    };
+    let doubt = if crossing.certain || crossing.cost.interval.is_none() { "" } else { "; it may not cross at all" };
     let cost = estimate(&crossing.cost, |cost| format!("{cost:.0}"));
-    format!("{beyond} is faster beyond {} = {cost}{support}", crossover.factor)
+    format!("{beyond} is faster beyond {} = {cost}{doubt}", crossover.factor)
 }
 
 /// Straight lines between values, drawn over a bent axis: the crossing of two such curves is where

@@ -280,8 +280,8 @@ fn provenance_section(document: &TradeoffDocument<'_>) -> String {
     let method = format!(
         "Every point is rendered once a round, in a random order (order seed {}), by the random numbers of the round's \
          number; all points share them. Squared bias is the mean product of the errors of two different renders, variance \
-         what the mean square has beyond it; the reference's own variance is taken off. Intervals of {:.0} % by {} \
-         resamples of the renders.",
+         what the mean square has beyond it; the reference's own variance is taken off. Intervals of {:.0} %: of \
+         median times and their ratios between order statistics, of errors by {} resamples of the renders.",
         report.seed,
         100.0 * report.confidence,
         report.bootstrap_resamples

@@ -208,13 +208,13 @@ impl Decomposition {
 pub fn by_renders(count: usize, bootstrap: &Bootstrap, statistic: impl Fn(&[f64]) -> f64) -> Estimate {
     let value = statistic(&vec![1.0; count]);
     let indices: Vec<f64> = (0..count).map(|k| k as f64).collect();
-    let drawn = |[indices]: [&[f64]; 1]| {
+    let drawn = |indices: &[f64]| {
         let mut weights = vec![0.0; count];
         indices.iter().for_each(|k| weights[*k as usize] += 1.0);
         let drawn = statistic(&weights);
         if drawn.is_nan() { value } else { drawn }
     };
-    bootstrap.estimate([&indices], drawn)
+    bootstrap.estimate(&indices, drawn)
 }
 
 /// An estimate to which an independent error of that standard deviation is added.

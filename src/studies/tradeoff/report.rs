@@ -29,7 +29,7 @@ pub struct TradeoffReport {
     pub reference_noise: Option<ReferenceNoise>,
     /// Share of intervals that cover the true value.
     pub confidence: f64,
-    /// Resamples of each interval.
+    /// Resamples of each interval of an error.
     pub bootstrap_resamples: usize,
     /// Seed of the order of the renders.
     pub seed: u64,
@@ -288,13 +288,13 @@ impl PointReport {
         }
         let times = self.times();
         let (relative, uncertainty) = reference.relative_noise();
-        self.seconds = Some(bootstrap.median(&times));
+        self.seconds = Some(Estimate::of_median(&times));
         self.rel_mse = Decomposition::of(&self.series.relative, relative, uncertainty, bootstrap);
         let (absolute, absolute_uncertainty) = reference.absolute_noise();
         self.mse = Decomposition::of(&self.series.absolute, absolute, absolute_uncertainty, bootstrap);
         let errors: Vec<f64> = self.runs.iter().map(|run| run.mean_error / mean).collect();
         let own_error = reference.noise.map_or(0.0, |noise| noise.mean_standard_error / mean);
-        let error = bootstrap.estimate([&errors], |[errors]| crate::stats::mean(errors));
+        let error = bootstrap.estimate(&errors, crate::stats::mean);
         self.mean_error = Some(widened(error, own_error));
         self.efficiency = Some(by_renders(times.len(), bootstrap, |weights| {
             let squares = (0..times.len()).map(|k| weights[k] * self.series.relative.square(k)).sum::<f64>();
@@ -442,18 +442,19 @@ impl PointReport {
         (factor, level, base_level): (&'static str, &str, &str),
     ) -> Option<KnobReport> {
         let common = self.series.from_base.len();
-        let (times, base_times) = (&self.times()[..common], &base.times()[..common]);
-        let time = |weights: &[f64]| weighted_median(times, weights) / weighted_median(base_times, weights);
+        let ratios: Vec<f64> =
+            self.times().iter().zip(base.times()).take(common).map(|(own, base)| own / base).collect();
+        let time_ratio = Estimate::of_median(&ratios);
         let identical = (0..common).all(|k| self.series.from_base.square(k) == 0.0);
         let cost = |weights: &[f64]| {
             let variances = self.series.relative.variance(weights) / base.series.relative.variance(weights);
-            if identical { time(weights) } else { time(weights) * variances }
+            weighted_median(&ratios, weights) * variances
         };
         let bias = Decomposition::of(&self.series.from_base, 0.0, 0.0, bootstrap)?;
-        let (time_ratio, cost_ratio) = (by_renders(common, bootstrap, time), by_renders(common, bootstrap, cost));
+        let cost_ratio = if identical { time_ratio } else { by_renders(common, bootstrap, cost) };
         let shift = |(own, base): (&PointRun, &PointRun)| (own.mean_error - base.mean_error) / held.mean;
         let shifts: Vec<f64> = self.runs.iter().zip(&base.runs).map(shift).collect();
-        let mean_shift = bootstrap.estimate([&shifts], |[shifts]| crate::stats::mean(shifts));
+        let mean_shift = bootstrap.estimate(&shifts, crate::stats::mean);
         let mut knob = KnobReport {
             factor,
             level: level.to_owned(),

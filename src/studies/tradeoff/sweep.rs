@@ -5,15 +5,13 @@ use std::ops::ControlFlow;
 use super::departures::{Reference, ReferenceSum, mean_radiance};
 use super::knobs::{Base, KNOBS, exact, label};
 use super::report::{Held, KnobReport, PointReport, Stage, TradeoffReport, Worth};
-use crate::stats::{Bootstrap, SplitMix64};
+use crate::stats::{Bootstrap, CONFIDENCE, FEWEST_ROUNDS, SplitMix64};
 use crate::studies::{Configuration, Measurement, Purpose, Renderer, SceneFacts, StudyError, shuffle};
 
 /// Share of the budget that goes to the reference, where none is there yet.
 const REFERENCE_SHARE: f64 = 0.35;
 /// Share of the budget that goes to knobs, one at a time.
 const ONE_KNOB_SHARE: f64 = 0.35;
-/// Rounds of a stage in any case: an interval of 95 % needs six.
-const FEWEST_ROUNDS: usize = 6;
 /// Rounds that the samples of the base are chosen for.
 const WANTED_ROUNDS: usize = 8;
 /// Renders of a reference, at least: their scatter tells its noise.
@@ -47,7 +45,7 @@ pub struct Sweep {
     pub reference_error: f64,
     /// The relMSE that is to be reached soonest, if one is.
     pub target: Option<f64>,
-    /// How intervals are made.
+    /// How intervals of errors are made.
     pub bootstrap: Bootstrap,
     /// Seed of the order of the renders.
     pub seed: u64,
@@ -146,7 +144,7 @@ impl TradeoffReport {
             base_settings: serde_json::Map::new(),
             reference: String::new(),
             reference_noise: None,
-            confidence: sweep.bootstrap.confidence,
+            confidence: CONFIDENCE,
             bootstrap_resamples: sweep.bootstrap.resamples,
             seed: sweep.seed,
             points: Vec::new(),
