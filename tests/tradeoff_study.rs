@@ -14,8 +14,8 @@ use raywave::cli::compare;
 use raywave::cli::tradeoff::{self, TradeoffArguments};
 use raywave::export::{Exported, Page, TradeoffDocument};
 use raywave::film::Image;
-use raywave::stats::{Bootstrap, DARK, Interval, SplitMix64};
-use raywave::studies::tradeoff::departures::{self, Products, ReferenceSum};
+use raywave::stats::{Bootstrap, DARK, Interval, SplitMix64, mean};
+use raywave::studies::tradeoff::departures::{self, Departure, ProductRow, Products, ReferenceSum};
 use raywave::studies::tradeoff::{
     Base, Decomposition, KNOBS, KnobReport, Reference, ReferenceKeeper, Sweep, SweepEvent, TradeoffReport, Worth,
 };
@@ -193,10 +193,8 @@ fn bias_and_variance_are_told_apart() {
             let images: Vec<Image> = (0..8).map(|_| picture(bias, variance, &mut random)).collect();
             let mut products = Products::default();
             for k in 0..images.len() {
-                let row = images[..=k]
-                    .iter()
-                    .map(|other| departures::product([&images[k], &truth], [other, &truth], &truth).0);
-                products.push(row.collect());
+                let departure = Departure::among(k, |k| [&images[k], &truth]);
+                products.push(departures::products(&[departure], &truth).remove(0).relative);
             }
             let found = Decomposition::of(&products, 0.0, 0.0, &bootstrap).expect("there are eight");
             let all = [(found.bias_squared, bias), (found.variance, variance), (found.total, bias + variance)];
@@ -219,7 +217,7 @@ fn bias_and_variance_are_told_apart() {
     }
 }
 
-/// As `departures::product`, one number after the other in `f64`.
+/// As `departures::products` of one, one number after the other in `f64`.
 fn plain_product(a: [&Image; 2], b: [&Image; 2], reference: &Image) -> (f64, f64) {
     let (mut relative, mut absolute, mut numbers) = (0.0, 0.0, 0.0);
     for (i, own) in reference.pixels.iter().enumerate().filter(|(_, own)| own.is_finite()) {
@@ -232,6 +230,13 @@ fn plain_product(a: [&Image; 2], b: [&Image; 2], reference: &Image) -> (f64, f64
         }
     }
     (relative / numbers, absolute / numbers)
+}
+
+/// As the mean of a difference that `departures::products` has.
+fn plain_mean([a, b]: [&Image; 2], reference: &Image) -> f64 {
+    let finite = (0..reference.pixels.len()).filter(|i| reference.pixels[*i].is_finite());
+    let apart = finite.flat_map(|i| (0..3).map(move |c| f64::from(a.pixels[i][c]) - f64::from(b.pixels[i][c])));
+    mean(&apart.collect::<Vec<_>>())
 }
 
 #[test]
@@ -251,17 +256,25 @@ fn products_on_all_cores_are_those_of_one() {
                 spoilt.pixels[i].z = f32::NAN;
             }
         }
-        let own = [&a, &reference];
         let others = [[&a, &reference], [&b, &reference], [&b, &spoilt]];
-        let found = departures::products(own, &others, &reference);
-        for (other, found) in others.into_iter().zip(found) {
-            let known = plain_product(own, other, &reference);
-            for (found, known) in [(found.0, known.0), (found.1, known.1)] {
+        let departures = [[&a, &reference], [&a, &b]]
+            .map(|own| Departure { own, others: others[usize::from(own[1] == &b)..].to_vec() });
+        for (departure, row) in departures.iter().zip(departures::products(&departures, &reference)) {
+            let close = |found: f64, known: f64| {
                 assert!((found - known).abs() < 1e-6 * known.abs().max(0.01), "{found} for {known}");
+            };
+            assert_eq!((row.relative.len(), row.absolute.len()), (departure.others.len(), departure.others.len()));
+            for (i, other) in departure.others.iter().enumerate() {
+                let known = plain_product(departure.own, *other, &reference);
+                close(row.relative[i], known.0);
+                close(row.absolute[i], known.1);
             }
+            close(row.mean, plain_mean(departure.own, &reference));
         }
     }
-    assert_eq!(departures::product([&a, &a], [&b, &c], &reference), (0.0, 0.0), "equal images do not differ");
+    let same = Departure { own: [&a, &a], others: vec![[&b, &c]] };
+    let none = ProductRow { mean: 0.0, relative: vec![0.0], absolute: vec![0.0] };
+    assert_eq!(departures::products(&[same], &reference), [none], "equal images do not differ");
 }
 
 #[test]
@@ -275,7 +288,7 @@ fn a_reference_knows_its_own_noise() {
     assert!((noise.relative_variance / (0.2 / 40.0) - 1.0).abs() < 0.05, "{noise:?}");
     // What is held against it has its noise in it, and the estimates do not.
     let truth = exact_truth();
-    let own = departures::product([&reference.image, &truth], [&reference.image, &truth], &truth).0;
+    let own = departures::products(&[Departure::among(0, |_| [&reference.image, &truth])], &truth)[0].relative[0];
     assert!((own / noise.relative_variance - 1.0).abs() < 0.2, "{own} of {noise:?}");
 }
 

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, ensure};
@@ -18,8 +19,8 @@ use crate::export::numbers::{estimate, significant};
 use crate::gpu::{Device, DeviceKind, GpuError};
 use crate::rays::{RayClass, RayOrder, RayRecord};
 use crate::render::{
-    Defaults, Fetch, Packets, PrepareError, PreparedScene, RenderError, Replay, Scheduler, Session, Settings,
-    Traversal, WarmUp, Warmth,
+    Defaults, Fetch, FrozenRays, Packets, PrepareError, PreparedScene, RenderError, Replay, Scheduler, Session,
+    Settings, Traversal, WarmUp, Warmth,
 };
 use crate::scene::Scene;
 use crate::stats::{CONFIDENCE, Estimate, FEWEST_ROUNDS, SplitMix64, TOO_FEW_ROUNDS, median};
@@ -192,6 +193,8 @@ struct Replays<'a> {
     scenes: &'a HashMap<BvhKind, PreparedScene>,
     settings: &'a Settings,
     frozen: &'a [Frozen],
+    /// By class and shape of the BVH: what the CPU finds of the rays is found once.
+    rays: HashMap<(usize, BvhKind), Arc<FrozenRays<'a>>>,
     open: HashMap<(usize, Traversal), Replay<'a>>,
 }
 
@@ -212,9 +215,11 @@ impl<'a> Replays<'a> {
                 ..*self.settings
             };
             let Frozen { class: kind, rays, .. } = &self.frozen[class];
+            let scene = &self.scenes[&bvh];
+            let frozen = self.rays.entry((class, bvh)).or_insert_with(|| Arc::new(FrozenRays::new(scene, *kind, rays)));
             let software = self.device.description().kind == DeviceKind::Cpu;
             let repeat = if software { 1 } else { (HARDWARE_RAYS / rays.len() as u32).max(1) };
-            let replay = Replay::new(self.device, &self.scenes[&bvh], &settings, *kind, rays, repeat)?;
+            let replay = Replay::of(self.device, Arc::clone(frozen), &settings, repeat)?;
             self.open.insert((class, traversal), replay);
         }
         Ok(self.open.get_mut(&(class, traversal)).expect("it was just opened"))
@@ -231,7 +236,7 @@ fn measure(
     default: Traversal,
     arguments: &TuneArguments,
 ) -> anyhow::Result<(Vec<Measured>, Warmth)> {
-    let mut replays = Replays { device, scenes, settings, frozen, open: HashMap::new() };
+    let mut replays = Replays { device, scenes, settings, frozen, rays: HashMap::new(), open: HashMap::new() };
     let max = device.description().max_workgroup_size;
     let mut workgroups: Vec<u32> = WORKGROUPS.into_iter().filter(|size| *size <= max).collect();
     if !workgroups.contains(&default.workgroup_size) {

@@ -5,6 +5,7 @@
 //! needs more of them gets a wrong answer, as it would in a render, and the check against the CPU is there to find it.
 
 use std::ops::Range;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -36,16 +37,39 @@ const ROUND_SECONDS: f64 = 0.005;
 /// Rays that a core packs at a time.
 const PACKED: usize = 1 << 12;
 
+/// Rays of a class in a scene, and what the CPU finds of them: the same in whatever way a device traces them.
+pub struct FrozenRays<'a> {
+    scene: &'a PreparedScene,
+    class: RayClass,
+    rays: &'a [RayRecord],
+    /// The place in leaf order, which the kernels know, of every triangle.
+    places: Vec<u32>,
+    /// Numbers of the rays that are checked, ascending, and what the CPU finds of them, once anyone has asked.
+    expected: OnceLock<Vec<(u64, Answer)>>,
+}
+
+impl<'a> FrozenRays<'a> {
+    /// Of one ray at least.
+    pub fn new(scene: &'a PreparedScene, class: RayClass, rays: &'a [RayRecord]) -> Self {
+        Self { scene, class, rays, places: places(scene), expected: OnceLock::new() }
+    }
+
+    fn expected(&self) -> &[(u64, Answer)] {
+        self.expected.get_or_init(|| {
+            let checked = self.rays.len().min(CHECKED_RAYS);
+            let numbers = (0..checked).into_par_iter().map(|i| i * self.rays.len() / checked);
+            let find = |number| on_cpu(self.scene, self.class, &in_leaf_order(&self.places, &self.rays[number]));
+            numbers.map(|number| (number as u64, find(number))).collect()
+        })
+    }
+}
+
 /// Rays on a device, ready to be traced.
 pub struct Replay<'a> {
     executor: Executor,
     plan: Plan,
-    scene: &'a PreparedScene,
-    class: RayClass,
+    frozen: Arc<FrozenRays<'a>>,
     kernel: &'static str,
-    rays: &'a [RayRecord],
-    /// The place in leaf order, which the kernels know, of every triangle.
-    places: Vec<u32>,
     repeat: u32,
     /// The part of a round that lies in the slots.
     loaded: Option<Range<u64>>,
@@ -110,7 +134,23 @@ impl<'a> Replay<'a> {
         rays: &'a [RayRecord],
         repeat: u32,
     ) -> Result<Self, RenderError> {
-        Self::with_options(device, scene, settings, class, rays, repeat, SessionOptions::default())
+        Self::of(device, Arc::new(FrozenRays::new(scene, class, rays)), settings, repeat)
+    }
+
+    /// As [`Replay::new`], of rays that other replays may trace in other ways.
+    ///
+    /// # Errors
+    /// As [`Replay::new`].
+    ///
+    /// # Panics
+    /// As [`Replay::new`].
+    pub fn of(
+        device: &Device,
+        frozen: Arc<FrozenRays<'a>>,
+        settings: &Settings,
+        repeat: u32,
+    ) -> Result<Self, RenderError> {
+        Self::with_options(device, frozen, settings, repeat, SessionOptions::default())
     }
 
     /// Counts what tracing each ray once is, with kernels that count. Of `settings` and the rays as [`Replay::new`].
@@ -125,7 +165,8 @@ impl<'a> Replay<'a> {
         rays: &'a [RayRecord],
     ) -> Result<WorkCount, RenderError> {
         let options = SessionOptions { counting: true, ..SessionOptions::default() };
-        let mut replay = Self::with_options(device, scene, settings, class, rays, 1, options)?;
+        let frozen = Arc::new(FrozenRays::new(scene, class, rays));
+        let mut replay = Self::with_options(device, frozen, settings, 1, options)?;
         for part in replay.parts() {
             replay.load(&part)?;
             replay.launch(rays_of(&part), 1)?;
@@ -136,13 +177,12 @@ impl<'a> Replay<'a> {
 
     fn with_options(
         device: &Device,
-        scene: &'a PreparedScene,
+        frozen: Arc<FrozenRays<'a>>,
         settings: &Settings,
-        class: RayClass,
-        rays: &'a [RayRecord],
         repeat: u32,
         options: SessionOptions,
     ) -> Result<Self, RenderError> {
+        let FrozenRays { scene, class, rays, .. } = *frozen;
         // Dumped rays are exact, whatever made them, and the CPU knows of nothing else.
         let settings = &Settings { path_state: PathState::F32, offsets: Offsets::Robust, ..*settings };
         let total = rays.len() as u64 * u64::from(repeat);
@@ -160,11 +200,8 @@ impl<'a> Replay<'a> {
         Ok(Self {
             executor,
             plan,
-            scene,
-            class,
+            frozen,
             kernel: kernel_of(settings, class),
-            rays,
-            places: places(scene),
             repeat,
             loaded: None,
             launch_seconds: f64::INFINITY,
@@ -190,8 +227,9 @@ impl<'a> Replay<'a> {
     /// # Errors
     /// As [`Replay::run`].
     pub fn run_watched(&mut self, rounds: usize, mut watch: impl FnMut()) -> Result<ReplayOutcome, RenderError> {
-        let expected = self.expected();
-        let rays = self.rays.len() as u64;
+        let frozen = Arc::clone(&self.frozen);
+        let expected = frozen.expected();
+        let rays = frozen.rays.len() as u64;
         let mut outcome = ReplayOutcome {
             kernel: self.kernel,
             rays: rays * u64::from(self.repeat),
@@ -212,9 +250,9 @@ impl<'a> Replay<'a> {
             // The first launch may compile, so it is not timed.
             self.launch(rays_of(&part), 1)?;
             self.read_answers(rays_of(&part), &mut found)?;
-            let (class, kernel) = (self.class, self.kernel);
+            let (class, kernel) = (self.frozen.class, self.kernel);
             let answer = |at: usize| Answer::of(class, &found[at]);
-            let judged = judge(found.len(), answer, &expected, part.start, rays);
+            let judged = judge(found.len(), answer, expected, part.start, rays);
             judged.map_err(|(ray, found, expected)| RenderError::WrongAnswer {
                 ray,
                 kernel,
@@ -281,27 +319,19 @@ impl<'a> Replay<'a> {
 
     /// A round's rays by launches.
     fn parts(&self) -> impl Iterator<Item = Range<u64>> + use<> {
-        let total = self.rays.len() as u64 * u64::from(self.repeat);
+        let total = self.frozen.rays.len() as u64 * u64::from(self.repeat);
         let capacity = u64::from(self.plan.path_capacity);
         (0..total).step_by(capacity as usize).map(move |first| first..total.min(first + capacity))
-    }
-
-    /// Numbers of the rays that are checked, ascending, and what the CPU finds of them.
-    fn expected(&self) -> Vec<(u64, Answer)> {
-        let checked = self.rays.len().min(CHECKED_RAYS);
-        let numbers = (0..checked).into_par_iter().map(|i| i * self.rays.len() / checked);
-        let find = |number| on_cpu(self.scene, self.class, &in_leaf_order(&self.places, &self.rays[number]));
-        numbers.map(|number| (number as u64, find(number))).collect()
     }
 
     /// Puts a part of a round's rays into the slots, unless it is there already.
     fn load(&mut self, part: &Range<u64>) -> Result<(), GpuError> {
         if self.loaded.as_ref() != Some(part) {
             self.loaded = None;
-            let shadow = self.class == RayClass::Shadow;
+            let shadow = self.frozen.class == RayClass::Shadow;
             let names =
                 if shadow { ["shadow_origins", "shadow_directions"] } else { ["ray_origins", "ray_directions"] };
-            let (rays, places) = (self.rays, &self.places);
+            let FrozenRays { rays, places, .. } = &*self.frozen;
             for (half, name) in names.into_iter().enumerate() {
                 self.executor.fill(name, u64::from(rays_of(part)) * RECORD_BYTES as u64, |offset, bytes| {
                     let first = (part.start + offset / RECORD_BYTES as u64) as usize;
@@ -381,7 +411,7 @@ impl<'a> Replay<'a> {
 
     /// The buffer that the kernel writes.
     fn answer_buffer(&self) -> &'static str {
-        if self.class == RayClass::Shadow { "radiances" } else { "hits" }
+        if self.frozen.class == RayClass::Shadow { "radiances" } else { "hits" }
     }
 
     /// Reads what the kernel wrote of the rays in the slots since the buffer was cleared.
@@ -393,7 +423,7 @@ impl<'a> Replay<'a> {
 
     /// The first of the answers in the slots that is another than it was, and what it is now.
     fn first_change(&mut self, before: &[[u32; 4]]) -> Result<Option<(usize, Answer)>, GpuError> {
-        let (class, bytes) = (self.class, size_of_val(before) as u64);
+        let (class, bytes) = (self.frozen.class, size_of_val(before) as u64);
         let mut change = None;
         self.executor.visit(self.answer_buffer(), bytes, |offset, part| {
             let now: &[[u32; 4]] = bytemuck::cast_slice(part);
@@ -414,7 +444,7 @@ impl<'a> Replay<'a> {
         match answer {
             Answer::Nearest(None) => "no hit".to_owned(),
             Answer::Nearest(Some(Hit { triangle, barycentrics: [u, v], distance })) => {
-                let original = self.scene.triangles.get(*triangle as usize).map_or(*triangle, |t| t.original);
+                let original = self.frozen.scene.triangles.get(*triangle as usize).map_or(*triangle, |t| t.original);
                 format!("triangle {original} at distance {distance:?}, barycentrics {u:?} {v:?}")
             }
             Answer::Blocked(true) => "it blocked".to_owned(),

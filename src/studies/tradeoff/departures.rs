@@ -110,10 +110,7 @@ impl ReferenceSum {
 
 /// Mean over pixels and channels.
 pub fn mean_radiance(image: &Image) -> f64 {
-    let sum = |pixels: &[Vec3]| -> f64 {
-        pixels.iter().map(|pixel| f64::from(pixel.x) + f64::from(pixel.y) + f64::from(pixel.z)).sum()
-    };
-    let sums: Vec<f64> = image.pixels.par_chunks(PART).map(sum).collect();
+    let sums: Vec<f64> = image.pixels.par_chunks(PART).map(|part| total(bytemuck::cast_slice(part))).collect();
     sums.iter().sum::<f64>() / (3.0 * image.pixels.len() as f64)
 }
 
@@ -233,10 +230,47 @@ const PART: usize = 1 << 11;
 const LANES: usize = 8;
 const RUN: usize = 32 * LANES;
 
-/// Mean over pixels and channels of the product of a difference of images with each of others, over the reference's
-/// radiance² + 0.01 and as it is. Pairs are images whose difference is meant. Pixels of the reference that are not
-/// finite are left out.
-pub fn products<'a>(own: [&'a Image; 2], others: &[[&'a Image; 2]], reference: &Image) -> Vec<(f64, f64)> {
+/// A difference of images whose products with others, and with itself, are wanted. Pairs are images whose difference is
+/// meant.
+#[derive(Debug, Clone)]
+pub struct Departure<'a> {
+    /// The difference.
+    pub own: [&'a Image; 2],
+    /// The others.
+    pub others: Vec<[&'a Image; 2]>,
+}
+
+impl<'a> Departure<'a> {
+    /// The k-th of some differences, with all up to itself.
+    pub fn among(k: usize, pair: impl Fn(usize) -> [&'a Image; 2]) -> Self {
+        Self { own: pair(k), others: (0..=k).map(pair).collect() }
+    }
+}
+
+/// What came of a [`Departure`]: means over pixels and channels.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ProductRow {
+    /// Of the difference.
+    pub mean: f64,
+    /// Of its product with each of the others, over the reference's radiance² + 0.01.
+    pub relative: Vec<f64>,
+    /// Of the same product as it is.
+    pub absolute: Vec<f64>,
+}
+
+impl ProductRow {
+    fn of_zeros(others: usize) -> Self {
+        Self { mean: 0.0, relative: vec![0.0; others], absolute: vec![0.0; others] }
+    }
+
+    fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
+        std::iter::once(&mut self.mean).chain(&mut self.relative).chain(&mut self.absolute)
+    }
+}
+
+/// The products of many differences by one pass over the images: memory is what takes the time, and what several
+/// differences share is fetched once. Pixels of the reference that are not finite are left out.
+pub fn products<'a>(departures: &[Departure<'a>], reference: &Image) -> Vec<ProductRow> {
     let parts = reference.pixels.par_chunks(PART).enumerate().map(|(i, reference)| {
         let finite = reference.iter().filter(|r| r.is_finite()).count();
         // What is left out is 0 in all of them.
@@ -245,25 +279,53 @@ pub fn products<'a>(own: [&'a Image; 2], others: &[[&'a Image; 2]], reference: &
             let pixels = &image.pixels[i * PART..][..reference.len()];
             if finite == reference.len() { pixels.into() } else { pixels.iter().zip(reference).map(kept).collect() }
         };
-        let apart: Vec<Vec3> = part(own[0]).iter().zip(part(own[1]).iter()).map(|(a, b)| a - b).collect();
-        let weighted = |(apart, r): (&Vec3, &Vec3)| kept((&(apart / (r * r + DARK as f32)), r));
-        let weighted: Vec<Vec3> = apart.iter().zip(reference).map(weighted).collect();
-        let sums_with = |[a, b]: &[&'a Image; 2]| sums(&weighted, &apart, &part(a), &part(b));
-        (others.iter().map(sums_with).collect(), finite)
+        let weights: Vec<Vec3> = reference.iter().map(|r| kept((&(r * r + DARK as f32).recip(), r))).collect();
+        let row = |Departure { own: [a, b], others }: &Departure<'a>| {
+            let (a, b) = (part(a), part(b));
+            let apart: Vec<f32> = floats(&a).iter().zip(floats(&b)).map(|(a, b)| a - b).collect();
+            let weighted: Vec<f32> = apart.iter().zip(floats(&weights)).map(|(apart, weight)| apart * weight).collect();
+            let mut row = ProductRow { mean: total(&apart), ..ProductRow::default() };
+            for [a, b] in others {
+                let (relative, absolute) = sums(&weighted, &apart, floats(&part(a)), floats(&part(b)));
+                row.relative.push(relative);
+                row.absolute.push(absolute);
+            }
+            row
+        };
+        (departures.iter().map(row).collect(), finite)
     });
     // Put together in their order: the same numbers on any number of cores.
-    let parts: Vec<(Vec<(f64, f64)>, usize)> = parts.collect();
-    let numbers = 3.0 * parts.iter().map(|(_, finite)| *finite).sum::<usize>() as f64;
-    let mean = |k: usize| {
-        let all = parts.iter().fold((0.0, 0.0), |all, (sums, _)| (all.0 + sums[k].0, all.1 + sums[k].1));
-        (all.0 / numbers, all.1 / numbers)
-    };
-    (0..others.len()).map(mean).collect()
+    let parts: Vec<(Vec<ProductRow>, usize)> = parts.collect();
+    let mut rows: Vec<ProductRow> = departures.iter().map(|d| ProductRow::of_zeros(d.others.len())).collect();
+    let mut numbers = 0.0;
+    for (part, finite) in parts {
+        numbers += 3.0 * finite as f64;
+        for (row, mut more) in rows.iter_mut().zip(part) {
+            row.numbers().zip(more.numbers()).for_each(|(sum, more)| *sum += *more);
+        }
+    }
+    rows.iter_mut().flat_map(ProductRow::numbers).for_each(|sum| *sum /= numbers);
+    rows
+}
+
+fn floats(pixels: &[Vec3]) -> &[f32] {
+    bytemuck::cast_slice(pixels)
+}
+
+/// The sum of numbers, by several side by side.
+fn total(numbers: &[f32]) -> f64 {
+    let (runs, rest) = numbers.as_chunks::<LANES>();
+    let mut lanes = [0.0_f64; LANES];
+    for run in runs {
+        for i in 0..LANES {
+            lanes[i] += f64::from(run[i]);
+        }
+    }
+    lanes.iter().sum::<f64>() + rest.iter().map(|x| f64::from(*x)).sum::<f64>()
 }
 
 /// Sums of a - b times the weighted difference, and times the difference.
-fn sums(weighted: &[Vec3], apart: &[Vec3], a: &[Vec3], b: &[Vec3]) -> (f64, f64) {
-    let [weighted, apart, a, b] = [weighted, apart, a, b].map(bytemuck::cast_slice::<Vec3, f32>);
+fn sums(weighted: &[f32], apart: &[f32], a: &[f32], b: &[f32]) -> (f64, f64) {
     let (mut relative, mut absolute) = (0.0, 0.0);
     let runs = weighted.chunks(RUN).zip(apart.chunks(RUN)).zip(a.chunks(RUN).zip(b.chunks(RUN)));
     for ((weighted, apart), (a, b)) in runs {
@@ -288,11 +350,6 @@ fn sums(weighted: &[Vec3], apart: &[Vec3], a: &[Vec3], b: &[Vec3]) -> (f64, f64)
         }
     }
     (relative, absolute)
-}
-
-/// The product of two differences; see [`products`].
-pub fn product(a: [&Image; 2], b: [&Image; 2], reference: &Image) -> (f64, f64) {
-    products(a, &[b], reference)[0]
 }
 
 impl Reference {

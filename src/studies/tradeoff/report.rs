@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use super::departures::{self, Decomposition, Products, Reference, ReferenceNoise, by_renders, mean_radiance, widened};
+use super::departures::{Decomposition, Departure, Products, Reference, ReferenceNoise, by_renders, products, widened};
 use super::knobs::{Base, flags, label};
 use crate::film::Image;
 use crate::stats::{Bootstrap, Estimate, TOO_FEW_ROUNDS, median};
@@ -105,7 +105,7 @@ pub struct PointReport {
 }
 
 /// One render of a point.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize)]
 pub struct PointRun {
     /// Of its random numbers.
     pub seed: u32,
@@ -254,27 +254,20 @@ impl PointReport {
         format!("{}, {} samples", self.label, self.samples)
     }
 
-    /// Takes a render.
-    pub(super) fn add(&mut self, seed: u32, measurement: Measurement, image: Image, held: &Held) {
-        let Held { reference, mean } = held;
+    /// Takes a render, which [`TradeoffReport::analyse`] holds against the reference.
+    pub(super) fn add(&mut self, seed: u32, measurement: Measurement, image: Image) {
         let image = Arc::new(image);
         self.image.get_or_insert_with(|| Arc::clone(&image));
-        self.series.images.push(Arc::clone(&image));
-        let own = [&*image, &*reference.image];
-        let others: Vec<[&Image; 2]> = self.series.images.iter().map(|other| [&**other, &*reference.image]).collect();
-        let row = departures::products(own, &others, &reference.image);
-        let (relative, absolute): (Vec<f64>, Vec<f64>) = row.into_iter().unzip();
+        self.series.images.push(image);
         self.nonfinite_samples += measurement.nonfinite_samples;
         self.runs.push(PointRun {
             seed,
             gpu_seconds: measurement.gpu_seconds,
             wall_seconds: measurement.wall_seconds,
-            rel_mse: relative.last().copied().unwrap_or(f64::NAN),
-            mse: absolute.last().copied().unwrap_or(f64::NAN),
-            mean_error: mean_radiance(&image) - mean,
+            rel_mse: f64::NAN,
+            mse: f64::NAN,
+            mean_error: f64::NAN,
         });
-        self.series.relative.push(relative);
-        self.series.absolute.push(absolute);
     }
 
     fn times(&self) -> Vec<f64> {
@@ -324,6 +317,7 @@ impl TradeoffReport {
     /// factor, level and the base's level.
     pub(super) fn analyse(&mut self, turned: &[(usize, &'static str, String, String)], target: Option<f64>) {
         let Some(held) = self.held_against.clone() else { return };
+        self.hold(turned, &held.reference.image);
         let bootstrap = self.bootstrap;
         for point in &mut self.points {
             point.analyse(&held, &bootstrap);
@@ -341,16 +335,47 @@ impl TradeoffReport {
         self.target = target.map(|wanted| self.answer(wanted));
     }
 
+    /// Holds renders against the reference, and those with a knob turned against the base's by the same random numbers, as
+    /// far as that is not done yet.
+    fn hold(&mut self, turned: &[(usize, &'static str, String, String)], reference: &Image) {
+        let mut departures = Vec::new();
+        let mut places = Vec::new();
+        for (i, PointReport { series, .. }) in self.points.iter().enumerate() {
+            for k in series.relative.len()..series.images.len() {
+                departures.push(Departure::among(k, |k| [&series.images[k], reference]));
+                places.push((i, false));
+            }
+            if turned.iter().any(|(point, ..)| *point == i) {
+                let base = &self.points[0].series.images;
+                for k in series.from_base.len()..series.images.len().min(base.len()) {
+                    departures.push(Departure::among(k, |k| [&series.images[k], &base[k]]));
+                    places.push((i, true));
+                }
+            }
+        }
+        for ((i, is_from_base), row) in places.into_iter().zip(products(&departures, reference)) {
+            let PointReport { series, runs, .. } = &mut self.points[i];
+            if is_from_base {
+                series.from_base.push(row.relative);
+                continue;
+            }
+            series.relative.push(row.relative);
+            series.absolute.push(row.absolute);
+            let k = series.relative.len() - 1;
+            let (rel_mse, mse) = (series.relative.square(k), series.absolute.square(k));
+            runs[k] = PointRun { rel_mse, mse, mean_error: row.mean, ..runs[k] };
+        }
+    }
+
     fn judge_knobs(&mut self, turned: &[(usize, &'static str, String, String)], held: &Held) {
         self.knobs.clear();
         if self.points.is_empty() {
             return;
         }
-        let (base, others) = self.points.split_at_mut(1);
+        let (base, others) = self.points.split_at(1);
         let base = &base[0];
         for (i, factor, level, base_level) in turned {
-            let point = &mut others[i - 1];
-            point.pair_with(base, &held.reference);
+            let point = &others[i - 1];
             if point.failed.is_none() {
                 let judged = point.judge(base, held, &self.bootstrap, (*factor, level, base_level));
                 self.knobs.extend(judged);
@@ -423,17 +448,6 @@ pub fn front(points: &[Option<(f64, f64)>]) -> Vec<usize> {
 }
 
 impl PointReport {
-    /// Adds the products of the differences from the base that are not there yet.
-    fn pair_with(&mut self, base: &Self, reference: &Reference) {
-        let common = self.series.images.len().min(base.series.images.len());
-        for k in self.series.from_base.len()..common {
-            let apart = |k: usize| [&*self.series.images[k], &*base.series.images[k]];
-            let others: Vec<[&Image; 2]> = (0..=k).map(apart).collect();
-            let row = departures::products(apart(k), &others, &reference.image);
-            self.series.from_base.push(row.into_iter().map(|(relative, _)| relative).collect());
-        }
-    }
-
     fn judge(
         &self,
         base: &Self,

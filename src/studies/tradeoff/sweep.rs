@@ -397,7 +397,6 @@ impl Run<'_> {
         // All points have the same seeds, so that they can be held against each other render by render.
         let seed = round as u32;
         let mut progress = ControlFlow::Continue(());
-        let mut renders = Vec::new();
         for i in order {
             let label = self.report.points[i].full_label();
             progress = (self.listen)(SweepEvent::Rendering { label: &label, round: Some(round) });
@@ -405,17 +404,12 @@ impl Run<'_> {
                 break;
             }
             let rendered = self.renderer.run(&self.report.points[i].configuration, Purpose::Seeded(seed));
-            renders.push((i, rendered.map_err(|cause| cause.to_string())));
-        }
-        // The device would rest while images are held against the reference, so that waits for the round's end.
-        for (i, rendered) in renders {
-            self.take(i, seed, rendered);
+            self.take(i, seed, rendered.map_err(|cause| cause.to_string()));
         }
         progress
     }
 
     fn take(&mut self, i: usize, seed: u32, rendered: Result<Measurement, String>) {
-        let held = self.report.held_against.as_ref().expect("a stage has a reference");
         let point = &mut self.report.points[i];
         match rendered {
             Err(cause) => point.failed = Some(cause),
@@ -423,7 +417,7 @@ impl Run<'_> {
                 self.spent += measurement.seconds_spent();
                 match measurement.image.take() {
                     None => point.failed = Some("the renderer made no image".to_owned()),
-                    Some(image) => point.add(seed, measurement, image, held),
+                    Some(image) => point.add(seed, measurement, image),
                 }
             }
         }
