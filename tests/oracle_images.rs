@@ -12,7 +12,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use common::project::output_folder;
-use common::{assert_silent, device, own_scene, prepare, project_file, render_on, samples_on, tries};
+use common::{assert_silent, device, is_swiftshader, own_scene, prepare, project_file, render_on, samples_on, tries};
 use glam::DVec3;
 use raywave::film::{Image, WriteOptions, read_image, write_image};
 use raywave::gpu::Device;
@@ -162,8 +162,12 @@ fn assert_agree(case: &str, ours: &Estimate, reference: &Estimate) {
     );
 }
 
-/// Renders one case by independent samples and a constant roulette and compares it with its reference.
+/// Renders one case by independent samples and a constant roulette and compares it with its reference. SwiftShader,
+/// whose images are lavapipe's to the bit (`digests.rs`), takes those alone that need few samples.
 fn check(reference: &str, scene: &str, bounces: u32, integrator: Integrator, samples: u32, roulette: f64) {
+    if integrator == Implicit && is_swiftshader(&device()) {
+        return;
+    }
     check_way(reference, scene, bounces, (integrator, Independent, Constant), samples, roulette);
 }
 

@@ -42,6 +42,8 @@ pub struct DeviceRenderer {
     scene: Option<OpenScene>,
     /// Kept between renders of a configuration, so that timed ones find everything built.
     sessions: HashMap<String, Session>,
+    /// The key of the one that was made last.
+    newest: Option<String>,
     pulse: Pulse,
 }
 
@@ -140,7 +142,17 @@ impl DeviceRenderer {
         let clocks = clocks::of_device(device.description().uuid);
         let pulse = Pulse { software: device.description().is_software(), last: None, clocks };
         let picture = picture.clone();
-        Ok(Self { device, defaults, picture, start_ups, quiet, scene: None, sessions: HashMap::new(), pulse })
+        Ok(Self {
+            device,
+            defaults,
+            picture,
+            start_ups,
+            quiet,
+            scene: None,
+            sessions: HashMap::new(),
+            newest: None,
+            pulse,
+        })
     }
 
     /// Adds what the device is to a record.
@@ -225,10 +237,12 @@ impl DeviceRenderer {
         if !self.sessions.contains_key(key) {
             let held: u64 = self.sessions.values().map(Session::memory_bytes).sum();
             if held > device.memory_bytes / 2 {
-                self.sessions.clear();
+                // The newest: rounds go over all of them, so the others come before it again.
+                self.newest.take().and_then(|newest| self.sessions.remove(&newest));
             }
             let roomy = Settings { samples: settings.samples.max(ROOMY_SAMPLES), ..settings };
             self.sessions.insert(key.to_owned(), Session::new(&self.device, prepared, &roomy)?);
+            self.newest = Some(key.to_owned());
         }
         let session = self.sessions.get_mut(key).context("the session is open")?;
         session.reseed(prepared, seed, settings.samples)?;
