@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use common::project::program;
-use common::{assert_silent, device, own_scene, prepare, tries};
+use common::{assert_silent, device, own_scene, prepare, scene_from, tries};
 use raywave::gpu::{Alignment, Device, Instance, Tools, TracedPass};
 use raywave::render::{DeviceTrace, Purpose, Scheduler, Session, Settings, ShadowRays, Sort, Statistics};
 use raywave::scene::Scene;
@@ -109,6 +109,31 @@ fn schedule(settings: &Settings, bounces: u32) -> Vec<(&'static str, Option<u32>
     let begin = [("generate", None), ("prepare_dispatch", None)];
     // The vertex after the last bounce still finds emission.
     begin.into_iter().chain((0..=bounces).flat_map(at)).chain([("resolve", None)]).collect()
+}
+
+#[test]
+fn samplings_follow_their_paths_to_the_end() {
+    let device = traced_device();
+    // A floor that fills the image.
+    let toml = "[camera]\neye = [0, 1, 0.1]\ntarget = [0, 0, 0]\nvfov = 60\n[[mesh]]\nfile = \"scene.obj\"\n\
+                [environment]\nradiance = [1, 1, 1]\n";
+    let obj = "mtllib scene.mtl\nv -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nusemtl floor\nf 4 3 2 1\n";
+    let scene = scene_from(toml, obj, "newmtl floor\nKd 0.5 0.5 0.5\n");
+    // So many paths that the pace is sampled.
+    let settings =
+        Settings { width: 192, height: 192, samples: 4, in_flight: None, ..settings(&scene, Scheduler::Bounce) };
+    let (digest, _, trace) = render(&device, &scene, &settings, Some(usize::MAX));
+    let batches = trace.expect("a trace was kept").batches;
+    let mut samplings = batches.iter().filter(|batch| batch.purpose == Purpose::Sampling).peekable();
+    assert!(samplings.peek().is_some(), "the pace is sampled");
+    assert!(samplings.all(|batch| batch.queues.len() == 2), "paths leave the floor for the sky");
+    // A session samples once.
+    let prepared = prepare(&device, &scene, &settings);
+    let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
+    for _ in 0..2 {
+        let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
+        assert_eq!(outcome.film.mean().digest(), digest, "samplings leave no trace in the film");
+    }
 }
 
 #[test]

@@ -78,8 +78,9 @@ impl Pace {
             let sampled: Vec<_> = self.costs[regions.clone()].iter().flatten().filter(tells).collect();
             let expected = sampled.iter().map(|cost| self.a_path(cost)).sum::<f64>() / sampled.len() as f64;
             if sampled.len() == regions.clone().count() {
-                // Halfway, as logarithms: one batch may have been disturbed.
-                self.sampled_scale *= (self.a_path(&cost) / expected).clamp(1e-3, 1e3).sqrt();
+                // Down only halfway, as logarithms: the batch may have had the cheap part of its regions.
+                let off = (self.a_path(&cost) / expected).clamp(1e-3, 1e3);
+                self.sampled_scale *= off.max(off.sqrt());
             }
         }
         for region in regions {

@@ -198,6 +198,8 @@ const SAMPLED_RENDER: u64 = 1 << 17;
 /// Small batches, at most, by which the pace is sampled, and paths of the first one.
 const SAMPLINGS: u32 = 32;
 const SAMPLED_PATHS: u32 = 256;
+/// Multiples of it are spread evenly over [0, 1), however many of them there are.
+const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Seconds that such a batch takes, at least, if it is to tell of paths rather than of launches.
 const SAMPLING_SECONDS: f64 = 2e-3;
 /// How much more than what was sampled a path may cost.
@@ -524,6 +526,8 @@ impl Session {
         if self.pace.mean() > 0.0 || paths < SAMPLED_RENDER {
             return Ok(());
         }
+        // Launches are sized by what `clear` writes.
+        self.clear()?;
         let sample_count = self.plan.samples_side_by_side().min(self.settings.samples);
         let (mut size, mut spent) = (SAMPLED_PATHS.min(self.plan.path_capacity), 0.0);
         for sampling in 0..SAMPLINGS {
@@ -531,7 +535,10 @@ impl Session {
             let place = u64::from(sampling.reverse_bits() >> (32 - SAMPLINGS.ilog2()));
             let place = pixels * place / u64::from(SAMPLINGS)..pixels * (place + 1) / u64::from(SAMPLINGS);
             let pixel_count = (size / sample_count).min((place.end - place.start) as u32);
-            let first_pixel = ((place.start + place.end - u64::from(pixel_count)) / 2) as u32;
+            // Each in another column, for the columns of an image may differ as its rows do.
+            let aside = (f64::from(sampling) * GOLDEN).fract();
+            let spare = place.end - place.start - u64::from(pixel_count);
+            let first_pixel = (place.start + (aside * spare as f64) as u64) as u32;
             let batch = SampleRange { first_pixel, pixel_count, first_sample: 0, sample_count, film_pixel: 0 };
             let mut recording = Recording::default();
             match self.scheduler {
