@@ -55,18 +55,19 @@ fn kernels_for_any_scene_give_the_same_bits() {
         ]
     };
     let cases: Vec<_> = scenes.iter().flat_map(|scene| renders(scene).map(|settings| (scene, settings))).collect();
-    cases.into_par_iter().enumerate().filter(|(case, _)| tries(&device, *case, 11)).for_each(
-        |(_, (scene, settings))| {
-            let [own, any] = [true, false].map(|specialize| {
-                let Outcome { film, statistics } = render_on(&device, scene, &Settings { specialize, ..settings });
-                (film.sum, film.sum_of_squares, statistics.bounce_rays, statistics.shadow_rays, statistics.memory_bytes)
-            });
-            let what = format!("{}, {settings:?}", scene.name);
-            assert!(own.0 == any.0 && own.1 == any.1, "{what}: another image");
-            assert_eq!((own.2, own.3), (any.2, any.3), "{what}: other rays");
-            assert!(own.4 < any.4, "{what}: {} bytes are no fewer than {}", own.4, any.4);
-        },
-    );
+    // Every other way, and with the next scene the others: what a scene has several have.
+    let ways = cases.len() / scenes.len();
+    let is_tried = |case: usize| (case / ways + case % ways).is_multiple_of(2) && tries(&device, case, 5);
+    cases.into_par_iter().enumerate().filter(|(case, _)| is_tried(*case)).for_each(|(_, (scene, settings))| {
+        let [own, any] = [true, false].map(|specialize| {
+            let Outcome { film, statistics } = render_on(&device, scene, &Settings { specialize, ..settings });
+            (film.sum, film.sum_of_squares, statistics.bounce_rays, statistics.shadow_rays, statistics.memory_bytes)
+        });
+        let what = format!("{}, {settings:?}", scene.name);
+        assert!(own.0 == any.0 && own.1 == any.1, "{what}: another image");
+        assert_eq!((own.2, own.3), (any.2, any.3), "{what}: other rays");
+        assert!(own.4 < any.4, "{what}: {} bytes are no fewer than {}", own.4, any.4);
+    });
 }
 
 /// Buffers that a render of the scene binds.

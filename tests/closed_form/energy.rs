@@ -19,7 +19,7 @@ fn outside() -> View {
 fn the_furnace_is_empty() {
     let device = device();
     let scene = own_scene("furnace");
-    for integrator in ALL {
+    for (_, integrator) in ALL.into_iter().enumerate().filter(|(case, _)| tries(&device, *case, 4)) {
         let settings = Settings { integrator, ..unbounded(64, 128, 0.05) };
         let film = render_on(&device, &scene, &settings).film;
         assert_agrees(&format!("furnace, {integrator:?}"), &film, &vec![DVec3::ONE; 64 * 64], 0.0);
@@ -36,8 +36,12 @@ fn the_furnace_is_empty() {
 fn the_furnace_is_empty_to_a_ten_thousandth() {
     let device = device();
     let scene = own_scene("furnace");
+    let mut cases = 0..;
     for integrator in ALL {
         for sampler in [Sampler::Independent, Sampler::Sobol] {
+            if !cases.next().is_some_and(|case| tries(&device, case, 7)) {
+                continue;
+            }
             let bounded = Settings { integrator, sampler, ..settings(64, 64, 400) };
             let settings = Settings { roulette_mode: RouletteMode::Throughput, roulette_from: 0, ..bounded };
             let mean = render_on(&device, &scene, &settings).film.mean_and_standard_error();
