@@ -165,14 +165,16 @@ fn assert_agree(case: &str, ours: &Estimate, reference: &Estimate) {
 /// Renders one case by independent samples and a constant roulette and compares it with its reference. SwiftShader,
 /// whose images are lavapipe's to the bit (`digests.rs`), takes those alone that need few samples.
 fn check(reference: &str, scene: &str, bounces: u32, integrator: Integrator, samples: u32, roulette: f64) {
-    if integrator == Implicit && is_swiftshader(&device()) {
+    let device = device();
+    if integrator == Implicit && is_swiftshader(&device) {
         return;
     }
-    check_way(reference, scene, bounces, (integrator, Independent, Constant), samples, roulette);
+    check_way(&device, reference, scene, bounces, (integrator, Independent, Constant), samples, roulette);
 }
 
 /// Renders one case and compares it with its reference.
 fn check_way(
+    device: &Device,
     reference: &str,
     scene: &str,
     bounces: u32,
@@ -180,11 +182,10 @@ fn check_way(
     samples: u32,
     roulette: f64,
 ) {
-    let device = device();
-    let ours = Estimate::rendered(&device, scene, |settings| Settings {
+    let ours = Estimate::rendered(device, scene, |settings| Settings {
         integrator,
         sampler,
-        samples: samples_on(&device, samples),
+        samples: samples_on(device, samples),
         max_bounces: Some(bounces),
         roulette,
         roulette_mode,
@@ -233,7 +234,7 @@ fn box_by_every_way() {
             for (mode, roulette) in [(Constant, 0.0), (Constant, 0.3), (Throughput, 0.0), (Throughput, 0.2)] {
                 let is_tried = cases.next().is_some_and(|case| tries(&device, case, 7));
                 if is_tried && (sampler == Sobol || mode == Throughput || integrator == Mis) {
-                    check_way("box-n4", "cornell-box", 4, (integrator, sampler, mode), samples, roulette);
+                    check_way(&device, "box-n4", "cornell-box", 4, (integrator, sampler, mode), samples, roulette);
                 }
             }
         }
@@ -258,7 +259,7 @@ fn other_scenes_by_mis_and_throughput() {
             [((Mis, Independent, Constant), 0.0), ((Mis, Sobol, Throughput), 0.1), ((Explicit, Sobol, Throughput), 0.0)]
         {
             if cases.next().is_some_and(|case| tries(&device, case, 4)) {
-                check_way(reference, scene, bounces, way, samples, roulette);
+                check_way(&device, reference, scene, bounces, way, samples, roulette);
             }
         }
     }

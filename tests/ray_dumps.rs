@@ -35,9 +35,14 @@ fn prepared(scene: &Scene) -> PreparedScene {
 /// Dumps rays in a session of its own.
 fn dump(device: &Device, scene: &PreparedScene, settings: &Settings, class: RayClass, bounce: u32) -> QueuedRays {
     let mut session = Session::new(device, scene, settings).expect("the session starts");
-    let queued = session.dump_rays(scene, class, bounce, RayOrder::Slot).expect("there are rays");
+    let queued = dump_all(&mut session, scene, class, bounce);
     drop(session);
     assert_silent(device);
+    queued
+}
+
+fn dump_all(session: &mut Session, scene: &PreparedScene, class: RayClass, bounce: u32) -> QueuedRays {
+    let queued = session.dump_rays(scene, class, bounce, RayOrder::Slot).expect("there are rays");
     assert_eq!(queued.left_out, 0);
     queued
 }
@@ -50,8 +55,7 @@ fn dumps(
     queues: &[(RayClass, u32)],
 ) -> Vec<Vec<RayRecord>> {
     let mut session = Session::new(device, scene, settings).expect("the session starts");
-    let rays = |(class, bounce)| session.dump_rays(scene, class, bounce, RayOrder::Slot).expect("there are rays").rays;
-    let rays = queues.iter().copied().map(rays).collect();
+    let rays = queues.iter().map(|(class, bounce)| dump_all(&mut session, scene, *class, *bounce).rays).collect();
     drop(session);
     assert_silent(device);
     rays

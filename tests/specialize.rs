@@ -6,7 +6,7 @@ mod common;
 use std::collections::BTreeSet;
 use std::fs;
 
-use common::{device, gallery, own_scene, project_file, render_on, scene_from, tries};
+use common::{device, floor, gallery, own_scene, project_file, render_on, tries};
 use rayon::prelude::*;
 use raywave::render::{
     Defaults, Footprint, Outcome, PreparedScene, RouletteMode, Scheduler, Settings, ShadowRays, feature_costs,
@@ -126,13 +126,6 @@ fn memory_that_is_told_is_that_of_the_buffers_that_are_bound() {
     let lights = size_of_val(prepared.lights.as_slice()) as u64;
     // Of each path a shadow ray of three records.
     assert_eq!(with - without, 48 * 500 + lights);
-}
-
-/// A floor, and materials in a file.
-fn floor(mtl: &str) -> Scene {
-    let toml = "[camera]\neye = [0, 1, 0.1]\ntarget = [0, 0, 0]\nvfov = 60\n[[mesh]]\nfile = \"scene.obj\"\n[environment]\nradiance = [1, 1, 1]\n";
-    let obj = "mtllib scene.mtl\nv -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nusemtl floor\nf 4 3 2 1\n";
-    scene_from(toml, obj, mtl)
 }
 
 #[test]

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use common::project::program;
-use common::{assert_silent, device, own_scene, prepare, scene_from, tries};
+use common::{assert_silent, device, floor, own_scene, prepare, tries};
 use raywave::gpu::{Alignment, Device, Instance, Tools, TracedPass};
 use raywave::render::{DeviceTrace, Purpose, Scheduler, Session, Settings, ShadowRays, Sort, Statistics};
 use raywave::scene::Scene;
@@ -114,11 +114,7 @@ fn schedule(settings: &Settings, bounces: u32) -> Vec<(&'static str, Option<u32>
 #[test]
 fn samplings_follow_their_paths_to_the_end() {
     let device = traced_device();
-    // A floor that fills the image.
-    let toml = "[camera]\neye = [0, 1, 0.1]\ntarget = [0, 0, 0]\nvfov = 60\n[[mesh]]\nfile = \"scene.obj\"\n\
-                [environment]\nradiance = [1, 1, 1]\n";
-    let obj = "mtllib scene.mtl\nv -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nusemtl floor\nf 4 3 2 1\n";
-    let scene = scene_from(toml, obj, "newmtl floor\nKd 0.5 0.5 0.5\n");
+    let scene = floor("newmtl floor\nKd 0.5 0.5 0.5\n");
     // So many paths that the pace is sampled.
     let settings =
         Settings { width: 192, height: 192, samples: 4, in_flight: None, ..settings(&scene, Scheduler::Bounce) };

@@ -513,6 +513,12 @@ impl Session {
         self.executor.forget_times();
         self.timed.clear();
         self.gathered = None;
+        self.clear_control()
+    }
+
+    /// Nothing is queued or counted. Launches that the device sizes have one workgroup in height and depth, which no
+    /// kernel writes.
+    fn clear_control(&mut self) -> Result<(), GpuError> {
         let mut control: Control = bytemuck::Zeroable::zeroed();
         (control.ray_groups, control.shadow_groups) = ([0, 1, 1], [0, 1, 1]);
         self.executor.write("control", bytemuck::bytes_of(&control))
@@ -526,8 +532,7 @@ impl Session {
         if self.pace.mean() > 0.0 || paths < SAMPLED_RENDER {
             return Ok(());
         }
-        // Launches are sized by what `clear` writes.
-        self.clear()?;
+        self.clear_control()?;
         let sample_count = self.plan.samples_side_by_side().min(self.settings.samples);
         let (mut size, mut spent) = (SAMPLED_PATHS.min(self.plan.path_capacity), 0.0);
         for sampling in 0..SAMPLINGS {

@@ -103,3 +103,10 @@ pub fn scene_from(toml: &str, obj: &str, mtl: &str) -> Scene {
     }
     Scene::load(&folder.path().join("scene.toml")).expect("the test's scene loads")
 }
+
+/// A floor that fills the image under a sky, and materials in a file: `floor` is its own.
+pub fn floor(mtl: &str) -> Scene {
+    let toml = "[camera]\neye = [0, 1, 0.1]\ntarget = [0, 0, 0]\nvfov = 60\n[[mesh]]\nfile = \"scene.obj\"\n[environment]\nradiance = [1, 1, 1]\n";
+    let obj = "mtllib scene.mtl\nv -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nusemtl floor\nf 4 3 2 1\n";
+    scene_from(toml, obj, mtl)
+}
