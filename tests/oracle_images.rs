@@ -12,7 +12,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use common::project::output_folder;
-use common::{assert_silent, device, is_swiftshader, own_scene, prepare, project_file, render_on, samples_on, tries};
+use common::{assert_silent, device, own_scene, prepare, project_file, render_on, samples_on, tries};
 use glam::DVec3;
 use raywave::film::{Image, WriteOptions, read_image, write_image};
 use raywave::gpu::Device;
@@ -162,14 +162,9 @@ fn assert_agree(case: &str, ours: &Estimate, reference: &Estimate) {
     );
 }
 
-/// Renders one case by independent samples and a constant roulette and compares it with its reference. SwiftShader,
-/// whose images are lavapipe's to the bit (`digests.rs`), takes those alone that need few samples.
+/// Renders one case by independent samples and a constant roulette and compares it with its reference.
 fn check(reference: &str, scene: &str, bounces: u32, integrator: Integrator, samples: u32, roulette: f64) {
-    let device = device();
-    if integrator == Implicit && is_swiftshader(&device) {
-        return;
-    }
-    check_way(&device, reference, scene, bounces, (integrator, Independent, Constant), samples, roulette);
+    check_way(&device(), reference, scene, bounces, (integrator, Independent, Constant), samples, roulette);
 }
 
 /// Renders one case and compares it with its reference.

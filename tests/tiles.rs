@@ -6,7 +6,7 @@ mod common;
 use std::collections::BTreeMap;
 use std::ops::{ControlFlow, Range};
 
-use common::{assert_silent, device, own_scene, prepare, tries};
+use common::{assert_silent, device, floor, own_scene, prepare, tries};
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
@@ -171,6 +171,25 @@ fn a_render_that_is_broken_off_keeps_what_it_has() {
             }
         }
     }
+    assert_silent(&device);
+}
+
+#[test]
+fn a_render_can_be_broken_off_before_its_first_batch() {
+    let device = device();
+    let scene = floor("newmtl floor\nKd 1 1 1\n");
+    // So many paths that their cost is sampled beforehand, by more than one batch.
+    let settings = Settings { width: 512, height: 512, samples: 1 << 20, shading_cost: 1000, ..Settings::of(&scene) };
+    let prepared = prepare(&device, &scene, &settings);
+    let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
+    let mut calls = Vec::new();
+    let outcome = session.render(|progress| {
+        calls.push(progress.samples_done);
+        ControlFlow::Break(Ending::Now)
+    });
+    let done = outcome.expect("the render ends").statistics.sample_count;
+    assert!(calls[0] == 0 && calls[1] > 0, "one sampling, and batches up to the end of a row: {calls:?}");
+    assert!(done > 0 && calls.last() == Some(&done), "there is an image: {done} of {calls:?}");
     assert_silent(&device);
 }
 

@@ -193,7 +193,7 @@ fn bias_and_variance_are_told_apart() {
             let images: Vec<Image> = (0..8).map(|_| picture(bias, variance, &mut random)).collect();
             let mut products = Products::default();
             for k in 0..images.len() {
-                let departure = Departure::among(k, |k| [&images[k], &truth]);
+                let departure = Departure::among(k, true, |k| [&images[k], &truth]);
                 products.push(departures::products(&[departure], &truth).remove(0).relative);
             }
             let found = Decomposition::of(&products, 0.0, 0.0, &bootstrap).expect("there are eight");
@@ -258,7 +258,7 @@ fn products_on_all_cores_are_those_of_one() {
         }
         let others = [[&a, &reference], [&b, &reference], [&b, &spoilt]];
         let departures = [[&a, &reference], [&a, &b]]
-            .map(|own| Departure { own, others: others[usize::from(own[1] == &b)..].to_vec() });
+            .map(|own| Departure { own, others: others[usize::from(own[1] == &b)..].to_vec(), absolute: true });
         for (departure, row) in departures.iter().zip(departures::products(&departures, &reference)) {
             let close = |found: f64, known: f64| {
                 assert!((found - known).abs() < 1e-6 * known.abs().max(0.01), "{found} for {known}");
@@ -272,7 +272,7 @@ fn products_on_all_cores_are_those_of_one() {
             close(row.mean, plain_mean(departure.own, &reference));
         }
     }
-    let same = Departure { own: [&a, &a], others: vec![[&b, &c]] };
+    let same = Departure { own: [&a, &a], others: vec![[&b, &c]], absolute: true };
     let none = ProductRow { mean: 0.0, relative: vec![0.0], absolute: vec![0.0] };
     assert_eq!(departures::products(&[same], &reference), [none], "equal images do not differ");
 }
@@ -288,7 +288,7 @@ fn a_reference_knows_its_own_noise() {
     assert!((noise.relative_variance / (0.2 / 40.0) - 1.0).abs() < 0.05, "{noise:?}");
     // What is held against it has its noise in it, and the estimates do not.
     let truth = exact_truth();
-    let own = departures::products(&[Departure::among(0, |_| [&reference.image, &truth])], &truth)[0].relative[0];
+    let own = departures::products(&[Departure::among(0, true, |_| [&reference.image, &truth])], &truth)[0].relative[0];
     assert!((own / noise.relative_variance - 1.0).abs() < 0.2, "{own} of {noise:?}");
 }
 

@@ -45,7 +45,7 @@ impl Pace {
     /// Paths of a batch, at least, as long as they take no more than `LONG_BATCH_SECONDS`: of fewer, the launches are
     /// what takes time on a busy machine.
     const LEAST_PATHS: f64 = 4096.0;
-    const LONG_BATCH_SECONDS: f64 = 0.5;
+    const LONG_BATCH_SECONDS: f64 = 0.3;
     /// Parts of the image that have costs of their own.
     const REGIONS: usize = 256;
     /// Paths of the first batch, whatever they cost.
@@ -118,7 +118,7 @@ impl Pace {
 
     /// Seconds that launches take of a batch.
     fn launches(&self) -> f64 {
-        self.least_seconds.min(Self::BATCH_SECONDS / 4.0)
+        self.least_seconds.min(Self::BATCH_SECONDS / 16.0)
     }
 
     /// The regions that those pixels lie in.

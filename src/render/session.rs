@@ -367,7 +367,7 @@ impl Session {
     /// # Errors
     /// When the device fails.
     pub fn render_image(&mut self) -> Result<(Image, Statistics), RenderError> {
-        let mut pixels = Vec::new();
+        let mut pixels = Vec::with_capacity(self.plan.pixels() as usize);
         let whole = |_: &Progress| ControlFlow::Continue(());
         let mut kept = Kept::every(Duration::MAX);
         let statistics = self.run(&mut kept, whole, |session, tile, _| session.mean(tile, &mut pixels))?;
@@ -397,9 +397,9 @@ impl Session {
     /// Renders all samples of one tile after the other, from the top, and hands each to `finished`. Begins where `kept`
     /// ends, which another session of the same scene and settings may have left, and keeps it up to date.
     ///
-    /// `progress` is called after each batch, some fractions of a second apart. When it breaks, the render ends as it
-    /// says, with the samples that it has: the rows of the tile under way are handed over by their samples, and of the
-    /// rows that have none nothing is.
+    /// `progress` is called after each batch, and after each sampling before the first one, some fractions of a second
+    /// apart. When it breaks, the render ends as it says, with the samples that it has: the rows of the tile under way
+    /// are handed over by their samples, and of the rows that have none nothing is. There is a batch at least.
     ///
     /// # Errors
     /// When the device fails.
@@ -424,12 +424,15 @@ impl Session {
         mut finished: impl FnMut(&mut Self, Tile, &[Band]) -> Result<(), GpuError>,
     ) -> Result<Statistics, RenderError> {
         let start = Instant::now();
-        self.sample_pace()?;
-        let mut taken = self.take_up(kept)?;
         let before = kept.statistics.clone().unwrap_or_else(|| self.nothing());
         let mut samples_done = before.sample_count;
-        let mut bands = before.bands.clone();
         let samples_total = self.plan.pixels() * u64::from(self.settings.samples);
+        self.sample_pace(|| {
+            let elapsed = before.wall_time + start.elapsed();
+            progress(&Progress { samples_done, samples_total, rays: 0, elapsed }).is_continue()
+        })?;
+        let mut taken = self.take_up(kept)?;
+        let mut bands = before.bands.clone();
         let mut statistics = before.clone();
         let mut ending = None;
         let (mut counted, mut rays_per_sample) = (start, 1.0);
@@ -525,8 +528,9 @@ impl Session {
     }
 
     /// Looks all over the image what paths cost, by small batches that are in no film, before the first render of a
-    /// session. Stops when it is sure that no batch can take long, or that more of it costs more than it is worth.
-    fn sample_pace(&mut self) -> Result<(), GpuError> {
+    /// session. Stops when it is sure that no batch can take long, that more of it costs more than it is worth, or when
+    /// `goes_on` says that the render is to end.
+    fn sample_pace(&mut self, mut goes_on: impl FnMut() -> bool) -> Result<(), GpuError> {
         let pixels = self.plan.pixels();
         let paths = pixels * u64::from(self.settings.samples);
         if self.pace.mean() > 0.0 || paths < SAMPLED_RENDER {
@@ -557,7 +561,8 @@ impl Session {
             self.pace.note_sampling(batch, place, seconds);
             spent += seconds;
             let longest = self.pace.dearest() * f64::from(self.plan.path_capacity) * SURPRISE;
-            if longest < Pace::BATCH_SECONDS || spent > self.pace.mean() * paths as f64 * SAMPLING_SHARE {
+            let is_sure = longest < Pace::BATCH_SECONDS;
+            if is_sure || spent > self.pace.mean() * paths as f64 * SAMPLING_SHARE || !goes_on() {
                 break;
             }
             if seconds < SAMPLING_SECONDS {

@@ -84,6 +84,9 @@ fn ballots(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     Ok(judge_ballots(count as usize, &voices))
 }
 
+/// Lanes of a subgroup, at most: Vulkan's masks have bits for no more.
+const MOST_LANES: usize = 128;
+
 /// Lanes that are together must agree on who they are. Which are together is left open: it is only counted.
 fn judge_ballots(count: usize, voices: &[Voice]) -> Finding {
     let mut faults = Faults::default();
@@ -95,7 +98,12 @@ fn judge_ballots(count: usize, voices: &[Voice]) -> Finding {
             let word = if place == 1 && word & 6 == 0 { !word } else { word };
             subgroups.entry(voice.subgroup).or_default().push((voice, word));
         }
-        for lanes in subgroups.values() {
+        for (subgroup, lanes) in &subgroups {
+            if lanes.len() > MOST_LANES {
+                let said = || format!("{} lanes at place {place} say that they are of subgroup {subgroup}", lanes.len());
+                faults.see(false, said);
+                continue;
+            }
             let masks: Vec<u128> = lanes.iter().map(|(voice, _)| voice.lanes()).collect();
             // After the loop all of a subgroup could be together again.
             apart += u64::from(place == 0 && masks.iter().any(|mask| *mask != masks[0]));

@@ -342,13 +342,13 @@ impl TradeoffReport {
         let mut places = Vec::new();
         for (i, PointReport { series, .. }) in self.points.iter().enumerate() {
             for k in series.relative.len()..series.images.len() {
-                departures.push(Departure::among(k, |k| [&series.images[k], reference]));
+                departures.push(Departure::among(k, true, |k| [&series.images[k], reference]));
                 places.push((i, false));
             }
             if turned.iter().any(|(point, ..)| *point == i) {
                 let base = &self.points[0].series.images;
                 for k in series.from_base.len()..series.images.len().min(base.len()) {
-                    departures.push(Departure::among(k, |k| [&series.images[k], &base[k]]));
+                    departures.push(Departure::among(k, false, |k| [&series.images[k], &base[k]]));
                     places.push((i, true));
                 }
             }
