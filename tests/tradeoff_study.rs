@@ -257,8 +257,11 @@ fn products_on_all_cores_are_those_of_one() {
             }
         }
         let others = [[&a, &reference], [&b, &reference], [&b, &spoilt]];
-        let departures = [[&a, &reference], [&a, &b]]
-            .map(|own| Departure { own, others: others[usize::from(own[1] == &b)..].to_vec(), absolute: true });
+        let departures = [[&a, &reference], [&a, &b]].map(|own| Departure {
+            own,
+            others: others[usize::from(own[1] == &b)..].to_vec(),
+            absolute: true,
+        });
         for (departure, row) in departures.iter().zip(departures::products(&departures, &reference)) {
             let close = |found: f64, known: f64| {
                 assert!((found - known).abs() < 1e-6 * known.abs().max(0.01), "{found} for {known}");

@@ -612,18 +612,21 @@ impl Executor {
             let (pipeline, _) = self.pipelines.get(name);
             let (layout, sets) = (self.pipelines.layout, self.sets.clone());
             let constants = vec![0; self.pipelines.push_constant_size as usize];
+            let shared = Arc::clone(&self.device);
             let start = Instant::now();
             self.run_once(|device, commands| {
                 let point = vk::PipelineBindPoint::COMPUTE;
-                // SAFETY: pipeline, layout and sets are alive until the executor is dropped.
-                unsafe {
-                    device.cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[]);
-                    device.cmd_bind_pipeline(commands, point, pipeline);
-                    if !constants.is_empty() {
-                        device.cmd_push_constants(commands, layout, vk::ShaderStageFlags::COMPUTE, 0, &constants);
+                shared.labels.region(commands, format_args!("no workgroup of {name}"), || {
+                    // SAFETY: pipeline, layout and sets are alive until the executor is dropped.
+                    unsafe {
+                        device.cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[]);
+                        device.cmd_bind_pipeline(commands, point, pipeline);
+                        if !constants.is_empty() {
+                            device.cmd_push_constants(commands, layout, vk::ShaderStageFlags::COMPUTE, 0, &constants);
+                        }
+                        device.cmd_dispatch(commands, 0, 1, 1);
                     }
-                    device.cmd_dispatch(commands, 0, 1, 1);
-                }
+                });
             })?;
             self.pipelines.add_time(name, start.elapsed());
         }

@@ -49,18 +49,32 @@ impl Labels {
     /// Opens and closes the regions that lie between two passes of a command buffer, or before the first or behind the
     /// last one.
     pub fn between(&self, commands: vk::CommandBuffer, before: Option<&Pass>, after: Option<&Pass>) {
+        if self.are_set() {
+            marks_between(before, after).iter().for_each(|mark| self.put(commands, mark));
+        }
+    }
+
+    /// Makes what is recorded a region.
+    pub fn region(&self, commands: vk::CommandBuffer, name: fmt::Arguments<'_>, record: impl FnOnce()) {
+        if !self.are_set() {
+            return record();
+        }
+        self.put(commands, &Mark::Open(name.to_string()));
+        record();
+        self.put(commands, &Mark::Close);
+    }
+
+    fn put(&self, commands: vk::CommandBuffer, mark: &Mark) {
         let Some(functions) = &self.0 else { return };
-        for mark in marks_between(before, after) {
-            match mark {
-                Mark::Open(name) => {
-                    let name = text(&name);
-                    let label = vk::DebugUtilsLabelEXT::default().label_name(&name);
-                    // SAFETY: the command buffer is being recorded, by this thread alone, and the name is a local.
-                    unsafe { functions.cmd_begin_debug_utils_label(commands, &label) };
-                }
-                // SAFETY: as above; a region is open, since each is closed once.
-                Mark::Close => unsafe { functions.cmd_end_debug_utils_label(commands) },
+        match mark {
+            Mark::Open(name) => {
+                let name = text(name);
+                let label = vk::DebugUtilsLabelEXT::default().label_name(&name);
+                // SAFETY: the command buffer is being recorded, by this thread alone, and the name is a local.
+                unsafe { functions.cmd_begin_debug_utils_label(commands, &label) };
             }
+            // SAFETY: as above; a region is open, since each is closed once.
+            Mark::Close => unsafe { functions.cmd_end_debug_utils_label(commands) },
         }
     }
 }

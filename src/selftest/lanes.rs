@@ -100,7 +100,8 @@ fn judge_ballots(count: usize, voices: &[Voice]) -> Finding {
         }
         for (subgroup, lanes) in &subgroups {
             if lanes.len() > MOST_LANES {
-                let said = || format!("{} lanes at place {place} say that they are of subgroup {subgroup}", lanes.len());
+                let said =
+                    || format!("{} lanes at place {place} say that they are of subgroup {subgroup}", lanes.len());
                 faults.see(false, said);
                 continue;
             }

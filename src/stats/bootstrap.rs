@@ -1,5 +1,7 @@
 //! Confidence intervals by resampling.
 
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
 use super::estimate::{CONFIDENCE, Estimate, FEWEST_ROUNDS, Interval};
 use super::summary::quantile_of_sorted;
 
@@ -39,12 +41,14 @@ impl SplitMix64 {
     }
 }
 
-/// The percentile bootstrap: the statistic of many resamples, drawn with replacement, and its
-/// quantiles.
+/// The expanded percentile bootstrap: the statistic of many resamples, drawn with replacement, and its quantiles.
+/// Resamples of few values scatter less than samples do, so quantiles further out are taken, by as much as the mean of
+/// normal values needs.
 ///
-/// Source: Efron and Tibshirani, "An Introduction to the Bootstrap" (1993), chapter 13. It asks for
-/// no distribution, but it cannot see beyond the sample, so that of few values it covers less often than it says: of
-/// medians, for which it is not needed, see [`Estimate::of_median`]. Fewer than [`FEWEST_ROUNDS`] values have no interval.
+/// Source: Efron and Tibshirani, "An Introduction to the Bootstrap" (1993), chapter 13; Hesterberg, "What Teachers Should
+/// Know About the Bootstrap", The American Statistician 69 (2015), section 4.2 for the expansion. It asks for no
+/// distribution, but it cannot see beyond the sample: of medians, for which it is not needed, see
+/// [`Estimate::of_median`]. Fewer than [`FEWEST_ROUNDS`] values have no interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bootstrap {
     /// Resamples drawn, at least 1.
@@ -81,8 +85,16 @@ impl Bootstrap {
             })
             .collect();
         statistics.sort_unstable_by(f64::total_cmp);
-        let tail = (1.0 - CONFIDENCE) / 2.0;
+        let tail = tail(sample.len());
         let (low, high) = (quantile_of_sorted(&statistics, tail), quantile_of_sorted(&statistics, 1.0 - tail));
         Estimate { value, interval: Some(Interval { low, high }) }
     }
+}
+
+/// The share of the resamples of `count` values that an interval leaves out on either side.
+fn tail(count: usize) -> f64 {
+    let n = count as f64;
+    let student = StudentsT::new(0.0, 1.0, n - 1.0).expect("there are two values");
+    let normal = Normal::standard();
+    normal.cdf(student.inverse_cdf((1.0 - CONFIDENCE) / 2.0) * (n / (n - 1.0)).sqrt())
 }
