@@ -396,7 +396,7 @@ fn bootstrap_intervals_of_a_mean_cover_as_they_say() {
             (low..=high).contains(&1.0)
         })
     };
-    // Without the expansion 86 % of six, 89 % of eight and 92 % of twelve.
+    // Without the expansion 87 % of six, 89 % of eight and 91 % of twelve.
     for n in [6, 8, 12, 41] {
         let (share, error) = covered(n, |random| 1.0 + normal(random));
         assert_close(share, CONFIDENCE, 0.01 + 4.0 * error);
