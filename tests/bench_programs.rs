@@ -278,11 +278,15 @@ fn the_host_is_told_from_the_device() {
     let text = printed(bench("host", &[&small[..], &device].concat()));
     let cases: Vec<_> = rows(&text).iter().map(|row| row[0].to_owned()).collect();
     assert_eq!(cases, ["compare", "dump-rays", "replay"], "{text}");
+    let mut device_seconds = 0.0;
     for row in read_json(Path::new(json))["rows"].as_array().expect("a row a case") {
-        let [all, device, wall] =
-            ["all", "device", "wall"].map(|of| row[format!("{of}_seconds_of_the_command")][0].as_f64());
-        assert!(device > Some(0.0) && device < all && wall > Some(0.0), "{row}");
+        let [all, device, wall] = ["all", "device", "wall"]
+            .map(|of| row[format!("{of}_seconds_of_the_command")][0].as_f64().expect("seconds"));
+        assert!(device < all && wall > 0.0, "{row}");
+        device_seconds += device;
     }
+    // Of a short command the device may have less than a tick.
+    assert!(device_seconds > 0.0);
 }
 
 #[test]
