@@ -42,6 +42,8 @@ pub struct DeviceRenderer {
     scene: Option<OpenScene>,
     /// Kept between renders of a configuration, so that timed ones find everything built.
     sessions: HashMap<String, Session>,
+    /// Bytes of device memory that they may hold together before one of them is closed.
+    sessions_bytes: u64,
     /// The key of the one that was made last.
     newest: Option<String>,
     pulse: Pulse,
@@ -142,6 +144,7 @@ impl DeviceRenderer {
         let clocks = clocks::of_device(device.description().uuid);
         let pulse = Pulse { software: device.description().is_software(), last: None, clocks };
         let picture = picture.clone();
+        let sessions_bytes = memory(device.description()) / 2;
         Ok(Self {
             device,
             defaults,
@@ -150,6 +153,7 @@ impl DeviceRenderer {
             quiet,
             scene: None,
             sessions: HashMap::new(),
+            sessions_bytes,
             newest: None,
             pulse,
         })
@@ -232,11 +236,10 @@ impl DeviceRenderer {
     /// A render by the random numbers of a seed, with the session that all numbers of samples share.
     fn render_seeded(&mut self, settings: Settings, key: &str, seed: u32) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let device = self.device.description();
         let prepared = scene.prepare(&settings, &self.defaults)?;
         if !self.sessions.contains_key(key) {
             let held: u64 = self.sessions.values().map(Session::memory_bytes).sum();
-            if held > device.memory_bytes / 2 {
+            if held > self.sessions_bytes {
                 // The newest: rounds go over all of them, so the others come before it again.
                 self.newest.take().and_then(|newest| self.sessions.remove(&newest));
             }
@@ -288,6 +291,18 @@ impl Renderer for DeviceRenderer {
     ) -> Result<Measurement, Box<dyn Error + Send + Sync>> {
         self.render(configuration, purpose).map_err(|error| format!("{error:#}").into())
     }
+}
+
+/// Bytes of memory that a device has. A software device has the host's, whatever its driver says: lavapipe of Mesa 22.3
+/// says 2 GiB on every machine.
+fn memory(device: &DeviceDescription) -> u64 {
+    let available = || {
+        let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+        let kibibytes = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+        kibibytes.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kibibytes| kibibytes << 10)
+    };
+    let of_host = if device.is_software() { available() } else { None };
+    of_host.unwrap_or(0).max(device.memory_bytes)
 }
 
 /// The processor, as Linux tells of it.
