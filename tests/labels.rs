@@ -31,7 +31,7 @@ fn calls(folder: &Path, flags: &[&str]) -> Option<Vec<(String, Value)>> {
     // A call stands on a line of its own, an element of a list.
     let call = |line: &str| {
         let mut line: Value = serde_json::from_str(line.trim().trim_matches(['[', ']', ','])).ok()?;
-        let function = line.get_mut("vkFunc").or(None)?;
+        let function = line.get_mut("vkFunc")?;
         Some((function["name"].as_str()?.to_owned(), function["args"].take()))
     };
     Some(text.lines().filter_map(call).collect())
