@@ -818,7 +818,7 @@ fn ctrl_c_writes_the_samples_that_are_done() {
         [rows, samples].map(|number| number.parse::<u64>().expect("numbers"))
     });
     let bands: Vec<[u64; 2]> = bands.collect();
-    let done = bands.iter().map(|[rows, samples]| 32 * rows * samples).sum();
+    let done: u64 = bands.iter().map(|[rows, samples]| 32 * rows * samples).sum();
     assert_eq!(statistics["samples"].as_u64(), Some(done), "{by_rows}");
     // Nor to any sample of the lowest rows.
     let finished = 32 * bands.iter().map(|[rows, _]| *rows as usize).sum::<usize>();
