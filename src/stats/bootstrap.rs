@@ -46,7 +46,7 @@ impl SplitMix64 {
 /// normal values needs.
 ///
 /// Source: Efron and Tibshirani, "An Introduction to the Bootstrap" (1993), chapter 13; Hesterberg, "What Teachers Should
-/// Know About the Bootstrap", The American Statistician 69 (2015), section 4.2 for the expansion. It asks for no
+/// Know About the Bootstrap", The American Statistician 69 (2015) for the expansion. It asks for no
 /// distribution, but it cannot see beyond the sample: of medians, for which it is not needed, see
 /// [`Estimate::of_median`]. Fewer than [`FEWEST_ROUNDS`] values have no interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
