@@ -21,6 +21,7 @@ pub mod recording;
 pub mod render;
 pub mod scene;
 pub mod selftest;
+pub mod settings;
 pub mod shaders;
 pub mod stability;
 pub mod stats;

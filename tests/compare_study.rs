@@ -12,11 +12,12 @@ use glam::Vec3;
 use raywave::cli::compare::{self, CompareArguments};
 use raywave::export::{Document, Exports, Format};
 use raywave::film::Image;
+use raywave::settings::parse_count;
 use raywave::stats::{Estimate, Interval, SplitMix64};
 use raywave::studies::{
     Clock, Contract, Crossing, CrossingDirection, Design, Event, Factor, Measurement, Provenance, Purpose, Ratio,
     RatioVerdict, Report, Rounds, Run, Study, StudyError, Verdict, WarmUpRow, Warning, find_crossings, judge,
-    modified_z_scores, outliers, parse_count, rank_correlation, trend,
+    modified_z_scores, outliers, rank_correlation, trend,
 };
 
 use fake_renderer::{Call, FakeClocks, FakeRenderer, gradient, normal, study};

@@ -11,13 +11,16 @@ use clap::Parser;
 use fake_renderer::normal;
 use glam::Vec3;
 use raywave::cli::compare;
+use raywave::cli::picture::PictureArguments;
 use raywave::cli::tradeoff::{self, TradeoffArguments};
 use raywave::export::{Exported, Page, TradeoffDocument};
 use raywave::film::Image;
+use raywave::scene::Scene;
+use raywave::settings::{RouletteMode, Sampler, Scheduler, Settings};
 use raywave::stats::{Bootstrap, DARK, Interval, SplitMix64, mean};
 use raywave::studies::tradeoff::departures::{self, Departure, ProductRow, Products, ReferenceSum};
 use raywave::studies::tradeoff::{
-    Base, Decomposition, KNOBS, KnobReport, Reference, ReferenceKeeper, Sweep, SweepEvent, TradeoffReport, Worth,
+    Base, Decomposition, KnobReport, Reference, ReferenceKeeper, Sweep, SweepEvent, TradeoffReport, Worth, knobs,
 };
 use raywave::studies::{Configuration, Factor, Measurement, Provenance, Purpose, Renderer, SceneFacts, StudyError};
 
@@ -77,6 +80,8 @@ fn exact_truth() -> Image {
 }
 
 struct KnownRenderer {
+    /// What the scene is rendered with where no knob is turned.
+    base: Settings,
     time_noise: SplitMix64,
 }
 
@@ -91,6 +96,7 @@ impl Renderer for KnownRenderer {
             width_pixels: SIZE,
             height_pixels: SIZE,
             samples_per_pixel: 256,
+            settings: self.base,
             ..SceneFacts::default()
         })
     }
@@ -144,7 +150,9 @@ impl ReferenceKeeper for Kept {
 }
 
 fn renderer() -> KnownRenderer {
-    KnownRenderer { time_noise: SplitMix64::new(3) }
+    let base =
+        Settings { width: SIZE, height: SIZE, samples: 256, sampler: Sampler::Independent, ..Settings::default() };
+    KnownRenderer { base, time_noise: SplitMix64::new(3) }
 }
 
 fn sweep() -> Sweep {
@@ -170,8 +178,8 @@ fn knob<'a>(report: &'a TradeoffReport, factor: &str, level: &str) -> &'a KnobRe
 
 #[test]
 fn every_knob_is_a_factor_of_compare() {
-    for knob in KNOBS {
-        assert!(Factor::parse(knob.factor).is_ok(), "{}", knob.factor);
+    for (setting, _) in knobs() {
+        assert!(Factor::parse(setting.flag).is_ok(), "{}", setting.flag);
     }
     for text in ["roulette=0,0.5", "clamp=off,3", "samples=4,16", "max-bounces=1,2", "path-state", "offsets"] {
         assert!(Factor::parse(text).is_ok(), "{text}");
@@ -382,6 +390,38 @@ fn the_target_is_reached_by_what_is_soonest() {
     let unreachable =
         run(&Sweep { target: Some(1e-30), rounds: 4, budget_seconds: 400.0, ..sweep() }, &mut Kept::default());
     assert!(unreachable.target.is_some(), "it is answered all the same");
+}
+
+/// The part of `raywave render` that a sweep prints.
+#[derive(Debug, Parser)]
+struct RenderLine {
+    #[command(flatten)]
+    picture: PictureArguments,
+}
+
+#[test]
+fn flags_make_the_render_that_was_measured() {
+    let base = Settings {
+        roulette_mode: RouletteMode::Throughput,
+        roulette_from: 0,
+        seed: 7,
+        scheduler: Some(Scheduler::Wavefront),
+        in_flight: Some(4096),
+        shading_cost: 64,
+        specialize: false,
+        ..renderer().base
+    };
+    let mut renderer = KnownRenderer { base, ..renderer() };
+    let report = sweep().run(&mut renderer, &mut Kept::default(), &mut |_| ControlFlow::Continue(()));
+    let report = report.expect("the fake renderer renders");
+    let target = report.target.as_ref().expect("a target was asked for");
+    let points = report.points.iter().map(|point| (&point.configuration, &point.flags));
+    for (configuration, flags) in points.chain(target.configuration.iter().map(|c| (c, &target.flags))) {
+        let words = ["render"].into_iter().chain(flags.split(' '));
+        let line = RenderLine::try_parse_from(words).unwrap_or_else(|error| panic!("{flags}: {error}"));
+        let settings = line.picture.settings(&Scene::cornell_box()).expect("the flags make sense");
+        assert_eq!(Ok(settings), configuration.of(base), "{flags}");
+    }
 }
 
 #[test]

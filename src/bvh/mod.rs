@@ -16,6 +16,7 @@ use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 pub use traverse::{Hit, Ray, Work, count_any, count_closest, intersect_triangle, trace_any, trace_closest};
 
@@ -34,16 +35,30 @@ pub const MAX_LISTED: usize = LISTED_TRIANGLES as usize;
 const FREE_LEVELS: u32 = 60;
 
 /// Shapes that a tree can be given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Hash,
+    Serialize,
+    Deserialize,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    EnumMessage,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum BvhKind {
-    /// No tree: the kernels carry every triangle as constants, up to [`MAX_LISTED`] of them, and a ray
-    /// meets them all.
+    /// No tree, but up to 63 triangles that are compiled into the kernels; a ray is tested against all of them.
     List,
-    /// Two children a node, boxes in f32. 64 bytes a node.
+    /// Two children a node, boxes in f32.
     Bvh2,
-    /// Four children a node, boxes in 8 bits. 64 bytes a node.
+    /// Four children a node, boxes in 8 bits.
     Bvh4,
-    /// Eight children a node, boxes in 8 bits. 80 bytes a node.
+    /// Eight children a node, boxes in 8 bits.
     Cwbvh,
 }
 

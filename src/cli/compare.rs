@@ -93,13 +93,13 @@ pub fn study(arguments: &CompareArguments) -> Result<Study, StudyError> {
     for text in &arguments.vary {
         factors.extend(Factor::parse_list(text)?);
     }
-    let varies = |factors: &[Factor], name: &str| factors.iter().any(|factor| factor.kind.name == name);
+    let varies = |factors: &[Factor], name: &str| factors.iter().any(|factor| factor.setting.flag == name);
     if arguments.vary.is_empty() || (arguments.crossover.is_some() && !varies(&factors, "scheduler")) {
         factors.insert(0, Factor::parse("scheduler")?);
     }
     if let Some(cost) = &arguments.crossover {
         let cost = Factor::parse(cost)?;
-        if !varies(&factors, cost.kind.name) {
+        if !varies(&factors, cost.setting.flag) {
             factors.push(cost);
         }
     }

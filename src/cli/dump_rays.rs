@@ -7,10 +7,11 @@ use clap::ValueEnum;
 use indicatif::HumanCount;
 
 use crate::rays::{Metadata, RayClass, RayDump, RayOrder, RayScene, RecordLayout, write_distances, write_triangles};
-use crate::render::{Defaults, PreparedScene, Scheduler, Session, distances};
+use crate::render::{Defaults, PreparedScene, Session, distances};
 use crate::scene::Scene;
+use crate::settings::{Named, Scheduler};
 
-use super::picture::{PictureArguments, integrator_name};
+use super::picture::PictureArguments;
 use super::render::is_same_file;
 use super::{check_text_output, load_scene};
 
@@ -107,7 +108,7 @@ pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
         pixels: queued.batch.pixel_count,
         samples_per_pixel: queued.batch.sample_count,
         seed: settings.seed,
-        integrator: integrator_name(settings.integrator).to_owned(),
+        integrator: settings.integrator.name().to_owned(),
         max_bounces: settings.max_bounces.map_or(-1, i64::from),
         roulette: settings.roulette,
         device: device.description().name.clone(),

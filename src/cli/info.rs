@@ -7,13 +7,14 @@ use std::sync::Arc;
 use indicatif::HumanCount;
 use serde_json::{Map, Value, json};
 
-use super::picture::{PictureArguments, bvh_name, scheduler_name};
+use super::picture::PictureArguments;
 use super::{compiled, load_scene, print, readable_bytes};
 use crate::bvh::Bvh;
 use crate::facts::{self, Facts};
 use crate::gpu::Device;
-use crate::render::{Defaults, FeatureCost, Footprint, PreparedScene, Session, Settings, feature_costs};
+use crate::render::{Defaults, FeatureCost, Footprint, PreparedScene, Session, feature_costs};
 use crate::scene::Scene;
+use crate::settings::{Named, Settings};
 
 /// Tell what a scene holds, what a render of it needs, and what it leaves out
 #[derive(Debug, clap::Args)]
@@ -143,7 +144,7 @@ impl Report<'_> {
         writeln!(text, "environment      {}", environment(scene))?;
         writeln!(text, "bounds           {low} to {high}")?;
         let Bvh { depth, leaf_count, sah_cost, build_time, .. } = &prepared.bvh;
-        writeln!(text, "BVH nodes        {}, {}", prepared.bvh.node_count, bvh_name(prepared.bvh.kind))?;
+        writeln!(text, "BVH nodes        {}, {}", prepared.bvh.node_count, prepared.bvh.kind.name())?;
         writeln!(
             text,
             "BVH leaves       {leaf_count}, {:.2} triangles each",
@@ -174,7 +175,7 @@ impl Report<'_> {
         }
 
         let [own, any] = self.footprints();
-        writeln!(text, "\n{:<24} {:>14} {:>14}", scheduler_name(own.scheduler), "for this scene", "for any")?;
+        writeln!(text, "\n{:<24} {:>14} {:>14}", own.scheduler.name(), "for this scene", "for any")?;
         let mut row = |name: &str, own: String, any: String| writeln!(text, "{name:<24} {own:>14} {any:>14}");
         let count = |n: usize| HumanCount(n as u64).to_string();
         row("instructions", count(all(&own.instructions)), count(all(&any.instructions)))?;
@@ -238,13 +239,13 @@ impl Report<'_> {
             "light_triangles": prepared.lights.len(),
             "environment": environment(scene),
             "bounds": [low.to_array(), high.to_array()],
-            "bvh": bvh_name(prepared.bvh.kind),
+            "bvh": prepared.bvh.kind.name(),
             "bvh_nodes": prepared.bvh.node_count,
             "bvh_leaves": leaf_count,
             "bvh_depth": depth,
             "bvh_sah_cost": sah_cost,
             "bvh_build_seconds": build_time.as_secs_f64(),
-            "scheduler": scheduler_name(own.scheduler),
+            "scheduler": own.scheduler.name(),
             "features": features,
             "specialized": footprint(&own),
             "unspecialized": footprint(&any),

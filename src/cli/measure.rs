@@ -6,7 +6,7 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, anyhow};
 
 use super::compiled;
 use super::devices::kind_name;
@@ -21,10 +21,10 @@ use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use crate::gpu::{Device, DeviceDescription, DeviceKind};
 use crate::layout::WorkCount;
 use crate::render::{
-    Defaults, Fetch, Numerics, Offsets, PathState, PrepareError, PreparedScene, RenderError, RouletteMode, Scheduler,
-    Session, SessionOptions, Settings, ShadowRays, Sort, Statistics, WarmUp, Warmth,
+    Defaults, PrepareError, PreparedScene, RenderError, Session, SessionOptions, Statistics, WarmUp, Warmth,
 };
-use crate::scene::{Integrator, Sampler, Scene};
+use crate::scene::Scene;
+use crate::settings::{PathState, Scheduler, Settings, ShadowRays, Sort};
 use crate::studies::{
     BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
     SceneFacts, StageWork, WarmUpRow, WorkCounters,
@@ -182,6 +182,7 @@ impl DeviceRenderer {
             width_pixels: settings.width,
             height_pixels: settings.height,
             samples_per_pixel: settings.samples,
+            settings,
             triangles: prepared.triangles.len() as u64,
             bvh_nodes: prepared.bvh.node_count as u64,
         };
@@ -191,7 +192,7 @@ impl DeviceRenderer {
 
     fn render(&mut self, configuration: &Configuration, purpose: Purpose) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let mut settings = configured(scene.settings, configuration)?;
+        let mut settings = configuration.of(scene.settings).map_err(|problem| anyhow!(problem))?;
         scene.tuning.apply(&mut settings, &self.defaults);
         let key = configuration.to_string();
         match purpose {
@@ -320,60 +321,6 @@ fn cpu() -> Option<Cpu> {
         logical_processors: std::thread::available_parallelism().ok()?.get(),
         megahertz: values("cpu MHz").iter().filter_map(|value| value.parse().ok()).reduce(f64::max),
     })
-}
-
-/// The settings of a configuration.
-fn configured(mut settings: Settings, configuration: &Configuration) -> anyhow::Result<Settings> {
-    for (factor, level) in configuration.iter() {
-        let count = || {
-            let count = configuration.count(factor).context("its levels are counts")?;
-            u32::try_from(count).map_err(|_| anyhow!("{factor}={level} is above {}", u32::MAX))
-        };
-        match (factor, level) {
-            ("scheduler", "wavefront") => settings.scheduler = Some(Scheduler::Wavefront),
-            ("scheduler", "bounce") => settings.scheduler = Some(Scheduler::Bounce),
-            ("scheduler", "megakernel") => settings.scheduler = Some(Scheduler::Megakernel),
-            ("integrator", "implicit") => settings.integrator = Integrator::Implicit,
-            ("integrator", "explicit") => settings.integrator = Integrator::Explicit,
-            ("samples", _) => settings.samples = count()?,
-            ("max-bounces", _) => settings.max_bounces = Some(count()?),
-            ("roulette", _) => settings.roulette = level.parse().context("its levels are numbers")?,
-            ("integrator", "mis") => settings.integrator = Integrator::Mis,
-            ("clamp", "off") => settings.clamp = None,
-            ("clamp", _) => settings.clamp = Some(level.parse().context("its levels are numbers")?),
-            ("sampler", "independent") => settings.sampler = Sampler::Independent,
-            ("sampler", "sobol") => settings.sampler = Sampler::Sobol,
-            ("roulette-mode", "constant") => settings.roulette_mode = RouletteMode::Constant,
-            ("roulette-mode", "throughput") => settings.roulette_mode = RouletteMode::Throughput,
-            ("in-flight", _) => settings.in_flight = Some(count()?),
-            ("workgroup", _) => settings.workgroup_size = Some(count()?),
-            ("paths-per-invocation", _) => settings.paths_per_invocation = Some(count()?),
-            ("bvh", "bvh2") => settings.bvh = Some(BvhKind::Bvh2),
-            ("bvh", "bvh4") => settings.bvh = Some(BvhKind::Bvh4),
-            ("bvh", "cwbvh") => settings.bvh = Some(BvhKind::Cwbvh),
-            ("bvh", "list") => settings.bvh = Some(BvhKind::List),
-            ("packets", _) => settings.packets = Some(level.parse().map_err(|error: String| anyhow!(error))?),
-            ("fetch", "texel") => settings.fetch = Some(Fetch::Texel),
-            ("fetch", "storage") => settings.fetch = Some(Fetch::Storage),
-            ("sort", "none") => settings.sort = Sort::None,
-            ("sort", "material") => settings.sort = Sort::Material,
-            ("shadow-rays", "deferred") => settings.shadow_rays = ShadowRays::Deferred,
-            ("shadow-rays", "at-once") => settings.shadow_rays = ShadowRays::AtOnce,
-            ("path-state", "f32") => settings.path_state = PathState::F32,
-            ("path-state", "f16") => settings.path_state = PathState::F16,
-            ("offsets", "robust") => settings.offsets = Offsets::Robust,
-            ("offsets", "fixed") => settings.offsets = Offsets::Fixed,
-            ("numerics", "portable") => settings.numerics = Numerics::Portable,
-            ("numerics", "native") => settings.numerics = Numerics::Native,
-            ("fast-math", _) => settings.fast_math = level == "on",
-            ("specialize", _) => settings.specialize = level == "on",
-            ("shading-cost", _) => settings.shading_cost = count()?,
-            ("materials", _) => settings.material_branches = count()?,
-            _ => bail!("{factor}={level} is nothing that the renderer can vary"),
-        }
-    }
-    settings.validate()?;
-    Ok(settings)
 }
 
 /// What a render cost, as a study records it.

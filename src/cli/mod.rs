@@ -10,7 +10,7 @@ pub mod diff;
 mod dump_rays;
 mod info;
 mod measure;
-mod picture;
+pub mod picture;
 mod reference;
 mod render;
 mod replay;

@@ -55,7 +55,7 @@ fn read(path: &Path) -> anyhow::Result<(Reference, Option<f64>)> {
 
 /// The file of a picture's reference: by its scene and what of the settings is the picture.
 fn file(facts: &SceneFacts, base: &Base) -> Option<PathBuf> {
-    let bounces = base.settings.get("max_bounces").map(ToString::to_string).unwrap_or_default();
+    let bounces = base.settings.max_bounces.map_or(-1, i64::from);
     let picture = format!(
         "{} {} {} {} {bounces}",
         env!("CARGO_PKG_VERSION"),

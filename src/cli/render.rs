@@ -17,18 +17,15 @@ use crate::facts::{self, Facts};
 use crate::film::{FilmMoments, Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
 use crate::gpu::{DeviceDescription, GpuError, Tools};
 use crate::render::{
-    Defaults, DeviceTrace, Ending, Fault, Fetch, Kept, Offsets, PreparedScene, Progress, RenderError, Session,
-    Settings, Statistics, find_faults,
+    Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Session, Statistics, find_faults,
 };
 use crate::scene::Scene;
+use crate::settings::{self, Fetch, SETTINGS, Settings};
 use crate::studies::CompiledKernelRow;
 use crate::trace::Stages;
 
 use super::devices::kind_name;
-use super::picture::{
-    PictureArguments, bvh_name, fetch_name, integrator_name, numerics_name, offsets_name, path_state_name,
-    roulette_mode_name, sampler_name, scheduler_name, shadow_rays_name, sort_name,
-};
+use super::picture::PictureArguments;
 use super::tradeoff::duration;
 use super::tuning::{self, Tuning};
 use super::{check_text_output, compiled, load_scene, open_device_with, stop_on_interrupt, trace, write_text};
@@ -285,42 +282,28 @@ struct Report<'a> {
     clocks: [Option<ClockState>; 2],
 }
 
-/// Every setting of a render, snake_case keys with the unit in the name.
+/// Every setting of a render by its key, with what was chosen where it was left open, and how far the render came.
 pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<String, Value> {
-    object(json!({
-        "width_pixels": settings.width,
-        "height_pixels": settings.height,
-        "samples_per_pixel": statistics.samples,
+    let resolved = Settings {
+        samples: statistics.samples,
+        scheduler: Some(statistics.scheduler),
+        bvh: Some(statistics.bvh),
+        fetch: Some(if statistics.texel_fetch { Fetch::Texel } else { Fetch::Storage }),
+        packets: Some(settings.packets.unwrap_or_default()),
+        in_flight: Some(statistics.paths_in_flight),
+        workgroup_size: Some(statistics.workgroup_size),
+        paths_per_invocation: Some(statistics.paths_per_invocation),
+        ..*settings
+    };
+    let mut map = settings::record(&resolved);
+    map.extend(object(json!({
+        "biased_by": settings.biased_by(),
+        "tuned": settings.tuned,
         "finished_rows_pixels": statistics.rows,
         "samples_by_rows": samples_by_rows(statistics),
         "tile_rows_pixels": statistics.tile_rows,
-        "integrator": integrator_name(settings.integrator),
-        "max_bounces": settings.max_bounces.map_or(-1, i64::from),
-        "roulette": settings.roulette,
-        "roulette_mode": roulette_mode_name(settings.roulette_mode),
-        "roulette_from_vertex": settings.roulette_from,
-        "sampler": sampler_name(settings.sampler),
-        "clamp_radiance": settings.clamp,
-        "biased_by": settings.biased_by(),
-        "seed": settings.seed,
-        "scheduler": scheduler_name(statistics.scheduler),
-        "shading_cost_steps": settings.shading_cost,
-        "material_branches": settings.material_branches,
-        "sort": sort_name(settings.sort),
-        "shadow_rays": shadow_rays_name(settings.shadow_rays),
-        "packets": settings.packets.unwrap_or_default().to_string(),
-        "paths_per_invocation": statistics.paths_per_invocation,
-        "path_state": path_state_name(settings.path_state),
-        "offsets": offsets_name(settings.offsets),
-        "numerics": numerics_name(settings.numerics),
-        "fast_math": settings.fast_math,
-        "specialize": settings.specialize,
-        "paths_in_flight": statistics.paths_in_flight,
-        "workgroup_size_invocations": statistics.workgroup_size,
-        "bvh": bvh_name(statistics.bvh),
-        "scene_fetch": fetch_name(if statistics.texel_fetch { Fetch::Texel } else { Fetch::Storage }),
-        "tuned": settings.tuned,
-    }))
+    })));
+    map
 }
 
 /// Rows from the top by the samples of their pixels, as "540x8 540x4".
@@ -482,13 +465,8 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
         statistics.rays() as f64 / seconds / 1e6,
         &report.digest[..NAMED_DIGITS],
     );
-    if let Some(clamp) = settings.clamp {
-        eprintln!("warning: the image is biased: indirect light is clamped at a radiance of {clamp}");
-    }
-    if settings.offsets == Offsets::Fixed {
-        eprintln!(
-            "warning: the image is biased: surfaces closer to each other than 1e-4 of the scene are not told apart"
-        );
+    for bias in SETTINGS.iter().filter_map(|setting| (setting.bias)(settings)) {
+        eprintln!("warning: the image is biased: {bias}");
     }
     if statistics.nonfinite_samples > 0 {
         warn_of_faults(statistics.nonfinite_samples, report.faults);

@@ -7,16 +7,18 @@ use anyhow::{Context, ensure};
 use indicatif::HumanCount;
 use serde_json::json;
 
+use crate::bvh::BvhKind;
 use crate::clocks::{self, ClockState};
 use crate::gpu::DeviceDescription;
 use crate::layout::WorkCount;
 use crate::rays::{Metadata, RayClass, RayDump};
-use crate::render::{Defaults, PreparedScene, Replay, ReplayOutcome, Settings, Warmth};
+use crate::render::{Defaults, PreparedScene, Replay, ReplayOutcome, Warmth};
+use crate::settings::{Named, Settings};
 use crate::stats::{CONFIDENCE, Estimate, Interval, TOO_FEW_ROUNDS};
 
 use super::devices::kind_name;
 use super::dump_rays::{class_name, ray_scene};
-use super::picture::{BvhName, bvh_name};
+use super::picture::one_of;
 use super::render::is_same_file;
 use super::{check_text_output, load_scene, open_device, print, write_text};
 
@@ -44,8 +46,8 @@ pub struct ReplayArguments {
     #[arg(long, value_name = "RAYS", value_parser = clap::value_parser!(u32).range(1..))]
     in_flight: Option<u32>,
     /// Shape of the BVH; without, by device
-    #[arg(long)]
-    bvh: Option<BvhName>,
+    #[arg(long, value_parser = one_of::<BvhKind>())]
+    bvh: Option<BvhKind>,
     /// Device, by number or part of its name; see `raywave devices`
     #[arg(long, env = "RAYWAVE_DEVICE")]
     device: Option<String>,
@@ -65,7 +67,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     let settings = Settings {
         workgroup_size: arguments.workgroup,
         in_flight: arguments.in_flight,
-        bvh: arguments.bvh.map(Into::into),
+        bvh: arguments.bvh,
         ..Settings::of(&scene)
     };
     let device = open_device(arguments.device.as_deref())?;
@@ -87,7 +89,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         device: device.description(),
         outcome,
         clocks: [states.first().cloned(), states.last().cloned()],
-        bvh: bvh_name(prepared.bvh.kind),
+        bvh: prepared.bvh.kind.name(),
         work,
     };
     if let Some(path) = &arguments.json {

@@ -11,7 +11,7 @@ use indicatif::HumanCount;
 use serde_json::{Value, json};
 
 use super::compare::at_least_one;
-use super::picture::{PictureArguments, bvh_name, fetch_name};
+use super::picture::PictureArguments;
 use super::tuning::{Key, TunedClass, Tuning, describe};
 use super::{load_scene, print};
 use crate::bvh::BvhKind;
@@ -19,10 +19,10 @@ use crate::export::numbers::{estimate, significant};
 use crate::gpu::{Device, DeviceKind, GpuError};
 use crate::rays::{RayClass, RayOrder, RayRecord};
 use crate::render::{
-    Defaults, Fetch, FrozenRays, Packets, PrepareError, PreparedScene, RenderError, Replay, Scheduler, Session,
-    Settings, Traversal, WarmUp, Warmth,
+    Defaults, FrozenRays, PrepareError, PreparedScene, RenderError, Replay, Session, Traversal, WarmUp, Warmth,
 };
 use crate::scene::Scene;
+use crate::settings::{Fetch, Named, Packets, Scheduler, Settings};
 use crate::stats::{CONFIDENCE, Estimate, FEWEST_ROUNDS, SplitMix64, TOO_FEW_ROUNDS, median};
 use crate::studies::shuffle;
 
@@ -387,7 +387,7 @@ impl Report<'_> {
             });
             let ratio = estimate(&speed_up(plan, self.own), |value| format!("{value:.2}"));
             let workgroup = workgroup_size.to_string();
-            text += &row([bvh_name(bvh), fetch_name(fetch), &workgroup], speeds.chain([ratio]));
+            text += &row([bvh.name(), fetch.name(), &workgroup], speeds.chain([ratio]));
         }
         if self.warmth.steady == Some(false) {
             text += "\nThe device's speed did not settle within 1 % before all of it was timed.\n";
@@ -409,8 +409,8 @@ impl Report<'_> {
     fn json(&self, plans: &[Plan<'_>], file: Option<&std::path::Path>) -> Value {
         let way = |Traversal { bvh, fetch, workgroup_size, .. }: Traversal| {
             json!({
-                "bvh": bvh_name(bvh),
-                "scene_fetch": fetch_name(fetch),
+                "bvh": bvh.name(),
+                "scene_fetch": fetch.name(),
                 "workgroup_size_invocations": workgroup_size,
             })
         };

@@ -10,15 +10,15 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-use super::picture::{BvhName, FetchName, bvh_name, fetch_name};
 use super::{cache_folder, write_text};
+use crate::bvh::BvhKind;
 use crate::gpu::DeviceDescription;
 use crate::rays::RayClass;
-use crate::render::{Defaults, Fetch, Packets, SceneLevels, Scheduler, Settings, Statistics, Traversal};
+use crate::render::{Defaults, SceneLevels, Statistics, Traversal};
 use crate::scene::Scene;
+use crate::settings::{Fetch, Named, Packets, Scheduler, Settings};
 
 /// How to trace rays, by class; of no class where nothing is tuned.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -154,8 +154,8 @@ impl Tuning {
             let tuned = self.classes.iter().find(|tuned| tuned.class == class)?;
             let Traversal { bvh, fetch, workgroup_size, packets } = tuned.traversal;
             Some(Choice {
-                bvh: bvh_name(bvh).to_owned(),
-                fetch: fetch_name(fetch).to_owned(),
+                bvh: bvh.name().to_owned(),
+                fetch: fetch.name().to_owned(),
                 workgroup: workgroup_size,
                 packets,
                 rays_per_second: tuned.rays_per_second.round(),
@@ -207,9 +207,9 @@ impl Tuning {
             if !(1..=key.max_workgroup).contains(&workgroup) {
                 return Err(format!("the device has no workgroups of {workgroup}"));
             }
-            let bvh = BvhName::from_str(&bvh, false).map_err(|_| format!("'{bvh}' is no BVH"))?;
-            let fetch = FetchName::from_str(&fetch, false).map_err(|_| format!("'{fetch}' is no fetch"))?;
-            let traversal = Traversal { bvh: bvh.into(), fetch: fetch.into(), workgroup_size: workgroup, packets };
+            let bvh = bvh.parse::<BvhKind>().map_err(|_| format!("'{bvh}' is no BVH"))?;
+            let fetch = fetch.parse::<Fetch>().map_err(|_| format!("'{fetch}' is no fetch"))?;
+            let traversal = Traversal { bvh, fetch, workgroup_size: workgroup, packets };
             classes.push(TunedClass { class, traversal, rays_per_second, share });
         }
         let tuning = Self { classes };
@@ -224,7 +224,7 @@ impl Tuning {
 /// A way to trace for people.
 pub fn describe(Traversal { bvh, fetch, workgroup_size, .. }: &Traversal, packets: Packets) -> String {
     let packets = if packets == Packets::default() { String::new() } else { format!(", packets of {packets} rays") };
-    format!("{}, {} fetch, workgroup {workgroup_size}{packets}", bvh_name(*bvh), fetch_name(*fetch))
+    format!("{}, {} fetch, workgroup {workgroup_size}{packets}", bvh.name(), fetch.name())
 }
 
 /// The way in which a render's rays were traced, for people.
@@ -241,7 +241,6 @@ pub fn in_words(settings: &Settings, statistics: &Statistics) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::BvhKind;
 
     fn key() -> Key {
         Key {

@@ -4,9 +4,9 @@ use std::mem::offset_of;
 use std::ops::Range;
 
 use super::plan::SampleRange;
-use super::settings::Packets;
 use crate::layout::Control;
 use crate::recording::Recording;
+use crate::settings::Packets;
 
 /// Kernels that the recordings name. `connects` is whether shadow rays are queued.
 pub fn kernels(packets: Packets, connects: bool) -> Vec<&'static str> {

@@ -4,10 +4,10 @@
 //! or version. [`Defaults::of`] asks a device; the choices themselves are arithmetic and are tested without one.
 
 use super::plan::SceneLevels;
-use super::settings::{Fetch, Scheduler, Settings, ShadowRays, Sort};
 use crate::bvh::{BvhKind, MAX_LISTED};
 use crate::facts::{self, Facts};
 use crate::gpu::{Device, GpuError};
+use crate::settings::{Fetch, Scheduler, Settings, ShadowRays, Sort};
 use crate::shaders::{Access, Form, Forms};
 
 /// What the defaults of a device hang on.
@@ -25,6 +25,26 @@ pub struct Defaults {
     pub loop_turns: Option<u32>,
     /// Bytes of the heap that buffers lie in.
     pub memory_bytes: u64,
+}
+
+/// How rays are traced: what a tuning chooses. Whatever it is, the image stays the same to the last bit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Traversal {
+    /// Shape of the BVH.
+    pub bvh: BvhKind,
+    /// How kernels read the scene's buffers.
+    pub fetch: Fetch,
+    /// Invocations of a workgroup.
+    pub workgroup_size: u32,
+    /// Whether they are in packets, which each class of rays decides for itself.
+    pub packets: bool,
+}
+
+impl Traversal {
+    /// What all kernels of a render share, whatever rays they trace.
+    pub fn shared(&self) -> Self {
+        Self { packets: false, ..*self }
+    }
 }
 
 /// A device's own quotients and roots where it was found to round them right; else they are made by `fma`, or by

@@ -6,11 +6,11 @@ use super::batch;
 use super::plan::{SampleRange, Taken};
 use super::prepare::PreparedScene;
 use super::session::{RenderError, Session};
-use super::settings::{PathState, Scheduler, ShadowRays};
 use crate::constants::NO_TRIANGLE;
 use crate::gpu::GpuError;
 use crate::rays::{RayClass, RayOrder, RayRecord};
 use crate::recording::Recording;
+use crate::settings::{PathState, Scheduler, ShadowRays};
 
 /// Rays of one queue of one batch.
 #[derive(Debug, Clone)]

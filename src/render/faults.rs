@@ -4,10 +4,10 @@ use super::batch;
 use super::plan::SampleRange;
 use super::prepare::PreparedScene;
 use super::session::{RenderError, Session, SessionOptions, Statistics};
-use super::settings::{Scheduler, Settings, ShadowRays, Sort};
 use crate::gpu::Device;
 use crate::layout::FilmPixel;
 use crate::recording::Recording;
+use crate::settings::{Scheduler, Settings, ShadowRays, Sort};
 
 /// A sample that was not finite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,10 +7,10 @@ use super::defaults::Defaults;
 use super::plan::Plan;
 use super::prepare::{Needs, PreparedScene};
 use super::session::{kernels, path_records};
-use super::settings::{RouletteMode, Scheduler, Settings};
 use crate::bvh::BvhKind;
 use crate::constants::*;
 use crate::scene::{Integrator, Sampler};
+use crate::settings::{RouletteMode, Scheduler, Settings};
 use crate::shaders::{self, Access, Arithmetic, Build, Edition, Promises};
 
 /// Kernels and buffers of a render.

@@ -14,16 +14,20 @@ mod faults;
 mod footprint;
 mod megakernel;
 mod pace;
+mod packets;
 mod plan;
 mod prepare;
 mod replay;
 mod session;
-mod settings;
 mod traced;
 mod warm_up;
 mod wavefront;
 
-pub use defaults::Defaults;
+pub use crate::settings::{
+    Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Numerics, Offsets, Packets, PathState, RouletteMode, Scheduler,
+    Settings, SettingsError, ShadowRays, Sort,
+};
+pub use defaults::{Defaults, Traversal};
 pub use dump::QueuedRays;
 pub use faults::{Fault, find_faults};
 pub use footprint::{FeatureCost, Footprint, feature_costs};
@@ -31,9 +35,5 @@ pub use plan::{Band, Plan, SampleRange, SceneLevels, Tile};
 pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
 pub use replay::{FrozenRays, Replay, ReplayOutcome, distances};
 pub use session::{Ending, Kept, Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
-pub use settings::{
-    Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Numerics, Offsets, Packets, PathState, RouletteMode, Scheduler,
-    Settings, SettingsError, ShadowRays, Sort, Traversal,
-};
 pub use traced::{DeviceTrace, Purpose, QueueLengths, TracedBatch};
 pub use warm_up::{WarmUp, Warmth};

@@ -1,8 +1,8 @@
 //! Sizes, capacities, workgroup counts and batches of a render: arithmetic without a device.
 
 use super::defaults::Defaults;
-use super::settings::{Scheduler, Settings};
 use crate::layout;
+use crate::settings::{Scheduler, Settings};
 
 /// What a plan must know of a device.
 #[derive(Debug, Clone, Copy)]
@@ -304,8 +304,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Numerics, Offsets, PathState, RouletteMode, ShadowRays, Sort};
-    use crate::scene::{Integrator, Sampler};
+    use crate::settings::Sampler;
     use proptest::prelude::*;
 
     const SCENE: SceneDemands =
@@ -325,36 +324,14 @@ mod tests {
     }
 
     fn settings(width: u32, height: u32, samples: u32, in_flight: Option<u32>) -> Settings {
-        let integrator = Integrator::Explicit;
         Settings {
             width,
             height,
             samples,
-            integrator,
             max_bounces: Some(4),
-            roulette: 0.0,
-            roulette_mode: RouletteMode::Constant,
-            roulette_from: Settings::ROULETTE_FROM,
             sampler: Sampler::Independent,
-            clamp: None,
-            seed: 0,
-            scheduler: None,
             in_flight,
-            workgroup_size: None,
-            shading_cost: 0,
-            material_branches: 1,
-            bvh: None,
-            sort: Sort::None,
-            shadow_rays: ShadowRays::Deferred,
-            packets: None,
-            paths_per_invocation: None,
-            path_state: PathState::F32,
-            offsets: Offsets::Robust,
-            numerics: Numerics::Portable,
-            fast_math: false,
-            fetch: None,
-            tuned: false,
-            specialize: true,
+            ..Settings::default()
         }
     }
 

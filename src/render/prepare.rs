@@ -8,12 +8,12 @@ use thiserror::Error;
 
 use super::defaults::Defaults;
 use super::plan::{Plan, SceneLevels};
-use super::settings::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
 use crate::alias::{AliasCell, alias_table};
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
 use crate::layout::{EnvironmentSplit, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
 use crate::scene::{self, Environment, EnvironmentMap, Integrator, Sampler, Scene, Surface};
+use crate::settings::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
 use crate::trace::Stages;
 
 /// A scene that the kernels cannot hold.

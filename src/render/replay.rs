@@ -13,7 +13,6 @@ use rayon::prelude::*;
 use super::plan::{Plan, SampleRange};
 use super::prepare::PreparedScene;
 use super::session::{RenderError, SessionOptions, limits, open_executor};
-use super::settings::{Offsets, PathState, Settings};
 use super::warm_up::{WarmUp, Warmth};
 use crate::bvh::{Hit, Ray, trace_any, trace_closest};
 use crate::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND};
@@ -21,6 +20,7 @@ use crate::gpu::{Device, DeviceKind, Executor, GpuError};
 use crate::layout::{Control, WorkCount};
 use crate::rays::{RayClass, RayRecord};
 use crate::recording::Recording;
+use crate::settings::{Offsets, PathState, Settings};
 
 /// Bytes of half a ray, and of an answer.
 const RECORD_BYTES: usize = 16;

@@ -12,7 +12,6 @@ use super::defaults::Defaults;
 use super::pace::Pace;
 use super::plan::{Band, DeviceLimits, Plan, SampleRange, SceneDemands, Taken, Tile};
 use super::prepare::{Needs, PrepareError, PreparedScene, SceneBuffer};
-use super::settings::{Numerics, Packets, Scheduler, Settings, ShadowRays, Sort};
 use super::traced::{DeviceTrace, Gathering};
 use super::{batch, bounce, megakernel, wavefront};
 use crate::bvh::BvhKind;
@@ -23,6 +22,7 @@ use crate::gpu::{
 };
 use crate::layout::{Bins, Control, FilmPixel, Frame, RayCount, WorkCount};
 use crate::recording::Recording;
+use crate::settings::{Numerics, Packets, Scheduler, Settings, ShadowRays, Sort};
 use crate::shaders::{self, Access, Arithmetic, Edition, Forms, Library};
 
 /// A render that failed.

@@ -4,9 +4,9 @@ use std::mem::offset_of;
 use std::ops::Range;
 
 use super::plan::SampleRange;
-use super::settings::{Packets, Sort};
 use crate::layout::Control;
 use crate::recording::Recording;
+use crate::settings::{Packets, Sort};
 
 /// Kernels that the recordings name.
 pub fn kernels(sort: Sort, packets: Packets, connects: bool) -> Vec<&'static str> {

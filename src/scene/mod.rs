@@ -17,9 +17,10 @@ mod text;
 
 use std::path::PathBuf;
 
+use crate::settings::Settings;
 use glam::{DVec3, Vec2, Vec3};
-use serde::{Deserialize, Serialize};
 
+pub use crate::settings::{Integrator, Sampler};
 pub use error::{Place, SceneError};
 pub use generate::generate_gallery;
 
@@ -100,37 +101,20 @@ pub struct RenderDefaults {
     pub sampler: Sampler,
 }
 
-impl Default for RenderDefaults {
-    fn default() -> Self {
-        Self {
-            integrator: Integrator::Explicit,
-            samples: 64,
-            max_bounces: Some(8),
-            roulette: 0.0,
-            sampler: Sampler::Sobol,
-        }
+impl Settings {
+    /// What the scene asks for.
+    pub fn of(scene: &Scene) -> Self {
+        let RenderDefaults { integrator, samples, max_bounces, roulette, sampler } = scene.defaults;
+        let (width, height) = (scene.width, scene.height);
+        Self { width, height, samples, integrator, max_bounces, roulette, sampler, ..Self::default() }
     }
 }
 
-/// How light is gathered along a path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Integrator {
-    /// BRDF importance sampling alone: a path counts when it finds a light.
-    Implicit,
-    /// A light sample at every non-specular vertex.
-    Explicit,
-    /// Both, weighted by their densities. (Veach and Guibas 1995, the power heuristic)
-    Mis,
-}
-
-/// Where the random numbers of a path come from. Either way they are keyed by pixel, sample, vertex,
-/// dimension and seed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Sampler {
-    /// Numbers that know nothing of each other.
-    Independent,
-    /// A Sobol sequence in each pixel, Owen-scrambled: samples keep their distance. (Burley 2020)
-    Sobol,
+impl Default for RenderDefaults {
+    fn default() -> Self {
+        let Settings { integrator, samples, max_bounces, roulette, sampler, .. } = Settings::default();
+        Self { integrator, samples, max_bounces, roulette, sampler }
+    }
 }
 
 /// Triangles of the whole scene, in world space, indexed per corner.

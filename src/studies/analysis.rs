@@ -228,7 +228,7 @@ impl Report {
         let factors = study.design.factors();
         Self {
             complete: false,
-            factors: factors.iter().map(|factor| (factor.kind.name, factor.levels.clone())).collect(),
+            factors: factors.iter().map(|factor| (factor.setting.flag, factor.levels.clone())).collect(),
             baseline: study.design.baseline().clone(),
             rounds: study.rounds,
             clock: study.clock,

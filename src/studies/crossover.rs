@@ -3,7 +3,8 @@
 use serde::Serialize;
 
 use super::analysis::{Clock, SceneReport, in_rounds};
-use super::{Configuration, Design, Role};
+use super::{Configuration, Design};
+use crate::settings::Role;
 use crate::stats::{Estimate, Interval};
 
 /// Two combinations over a swept cost.
@@ -105,8 +106,8 @@ fn root((x, y): (f64, f64), (next_x, next_y): (f64, f64)) -> f64 {
 /// The crossovers of a scene: for each workload that has several levels, the baseline against each
 /// other combination.
 pub(super) fn crossovers(scene: &SceneReport, design: &Design, clock: Clock) -> Vec<Crossover> {
-    let swept = design.factors().iter().filter(|f| f.kind.role == Role::Workload && f.levels.len() > 1);
-    swept.flat_map(|factor| sweeps(scene, design, factor.kind.name, clock)).collect()
+    let swept = design.factors().iter().filter(|f| f.setting.role == Role::Workload && f.levels.len() > 1);
+    swept.flat_map(|factor| sweeps(scene, design, factor.setting.flag, clock)).collect()
 }
 
 fn sweeps(scene: &SceneReport, design: &Design, factor: &'static str, clock: Clock) -> Vec<Crossover> {

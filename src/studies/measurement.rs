@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 use super::Configuration;
 use crate::clocks::ClockState;
 use crate::film::Image;
+use crate::settings::Settings;
 use crate::stats::mean;
 
 /// What a render is for. The settings of the picture are the same in all of them.
@@ -62,6 +63,9 @@ pub struct SceneFacts {
     pub height_pixels: u32,
     /// Samples of each pixel in one render.
     pub samples_per_pixel: u32,
+    /// What it is rendered with before a configuration changes it, as it was asked for.
+    #[serde(skip)]
+    pub settings: Settings,
     /// Triangles of the scene.
     pub triangles: u64,
     /// Nodes of its bounding volume hierarchy.

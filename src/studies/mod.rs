@@ -20,7 +20,7 @@ pub use analysis::{Clock, CombinationReport, Drift, Ratio, RatioVerdict, Report,
 pub use crossover::{Crossing, CrossingDirection, Crossover, CrossoverPoint, find_crossings};
 pub use envelope::{Envelope, Row, Trial};
 pub use error::StudyError;
-pub use factorial::{Configuration, Design, FACTORS, Factor, FactorKind, Levels, Role, parse_count};
+pub use factorial::{Configuration, Design, Factor};
 pub use measurement::{
     BounceRow, CompiledKernelRow, Cpu, ExecutableRow, FigureRow, KernelRow, Measurement, PipelineBuild, Provenance,
     Purpose, Rays, Renderer, SceneFacts, StageWork, WarmUpRow, WorkCounters,

@@ -3,9 +3,9 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{Numerics, Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
 use raywave::scene::Integrator::{self, Explicit, Implicit, Mis};
 use raywave::scene::Sampler;
+use raywave::settings::Settings;
 use raywave::stats::{sidak_level, z_test};
 
 use crate::common::render_on;
@@ -32,31 +32,10 @@ pub fn settings(size: u32, samples: u32, bounces: u32) -> Settings {
         width: size,
         height: size,
         samples,
-        integrator: Explicit,
         max_bounces: Some(bounces),
-        roulette: 0.0,
-        roulette_mode: RouletteMode::Constant,
-        roulette_from: Settings::ROULETTE_FROM,
         sampler: Sampler::Independent,
-        clamp: None,
         seed: 1,
-        scheduler: None,
-        in_flight: None,
-        workgroup_size: None,
-        shading_cost: 0,
-        material_branches: 1,
-        bvh: None,
-        sort: Sort::None,
-        shadow_rays: ShadowRays::Deferred,
-        packets: None,
-        paths_per_invocation: None,
-        path_state: PathState::F32,
-        offsets: Offsets::Robust,
-        numerics: Numerics::Portable,
-        fast_math: false,
-        fetch: None,
-        tuned: false,
-        specialize: true,
+        ..Settings::default()
     }
 }
 

@@ -90,6 +90,7 @@ impl Renderer for FakeRenderer {
             samples_per_pixel: 64,
             triangles: 12_345,
             bvh_nodes: 6_789,
+            ..SceneFacts::default()
         })
     }
 

@@ -11,6 +11,6 @@ mod report;
 mod sweep;
 
 pub use departures::{Decomposition, Reference, ReferenceNoise};
-pub use knobs::{Base, KNOBS, Knob};
+pub use knobs::{Base, knobs};
 pub use report::{KnobReport, PointReport, PointRun, Stage, TargetAnswer, TradeoffReport, Worth};
 pub use sweep::{ReferenceKeeper, Sweep, SweepEvent, SweepPlan};

@@ -6,8 +6,9 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::departures::{Decomposition, Departure, Products, Reference, ReferenceNoise, by_renders, products, widened};
-use super::knobs::{Base, flags, label};
+use super::knobs::{flags, label};
 use crate::film::Image;
+use crate::settings::Settings;
 use crate::stats::{Bootstrap, Estimate, TOO_FEW_ROUNDS, median};
 use crate::studies::{Configuration, Measurement, SceneFacts};
 
@@ -227,7 +228,7 @@ pub struct TargetAnswer {
 }
 
 impl PointReport {
-    pub(super) fn new(configuration: Configuration, stage: Stage, base: &Base) -> Self {
+    pub(super) fn new(configuration: Configuration, stage: Stage, base: &Settings) -> Self {
         let samples = configuration.count("samples").and_then(|n| u32::try_from(n).ok()).unwrap_or(1);
         Self {
             label: label(&configuration),
@@ -430,8 +431,8 @@ impl TradeoffReport {
         let (seconds, samples, measured) = first.as_ref().map_or((f64::NAN, 0, false), |b| (b.0, b.2, b.3));
         let configuration = first.map(|best| best.1);
         let label = configuration.as_ref().map(label).unwrap_or_default();
-        let base = Base { settings: self.base_settings.clone(), mean_radiance: 0.0 };
-        let flags = configuration.as_ref().map(|configuration| flags(&base, configuration)).unwrap_or_default();
+        let base = &self.facts.settings;
+        let flags = configuration.as_ref().map(|configuration| flags(base, configuration)).unwrap_or_default();
         TargetAnswer { rel_mse: wanted, configuration, label, flags, samples, seconds, measured, arms, candidates }
     }
 }

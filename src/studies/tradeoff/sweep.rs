@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use super::departures::{Reference, ReferenceSum, mean_radiance};
-use super::knobs::{Base, KNOBS, exact, label};
+use super::knobs::{Base, exact, knobs, label};
 use super::report::{Held, KnobReport, PointReport, Stage, TradeoffReport, Worth};
 use crate::stats::{Bootstrap, CONFIDENCE, FEWEST_ROUNDS, SplitMix64};
 use crate::studies::{Configuration, Measurement, Purpose, Renderer, SceneFacts, StudyError, shuffle};
@@ -203,7 +203,7 @@ impl Run<'_> {
         self.spent += first.wall_seconds;
         self.sample_seconds = first.wall_seconds / f64::from(few);
         self.report.base_settings.clone_from(&first.settings);
-        Ok(Base { settings: first.settings, mean_radiance: 0.0 })
+        Ok(Base { settings: self.report.facts.settings, record: first.settings, mean_radiance: 0.0 })
     }
 
     /// The reference: one that is kept, or a new one. `None` where the user broke off.
@@ -260,7 +260,7 @@ impl Run<'_> {
         if self.sweep.fixed_samples {
             return;
         }
-        let points = 1 + KNOBS.iter().map(|knob| knob.other_levels(base).len()).sum::<usize>();
+        let points = 1 + knobs().map(|(setting, _)| base.other_levels(setting).len()).sum::<usize>();
         let rest = (self.sweep.budget_seconds - self.spent) * ONE_KNOB_SHARE / (1.0 - REFERENCE_SHARE);
         let samples = rest / (WANTED_ROUNDS * points) as f64 / self.sample_seconds;
         let power = (samples.max(1.0).log2().floor()).exp2() as u32;
@@ -270,12 +270,12 @@ impl Run<'_> {
     fn turn_knobs(&mut self, base: &Base) {
         let samples = self.report.base_samples.to_string();
         let start = Configuration::default().with("samples", &samples);
-        self.report.points.push(PointReport::new(start.clone(), Stage::OneKnob, base));
-        for knob in KNOBS {
-            for level in knob.other_levels(base) {
-                let configuration = start.with(knob.factor, &level);
-                self.turned.push((self.report.points.len(), knob.factor, level, base.level(knob)));
-                self.report.points.push(PointReport::new(configuration, Stage::OneKnob, base));
+        self.report.points.push(PointReport::new(start.clone(), Stage::OneKnob, &base.settings));
+        for (setting, _) in knobs() {
+            for level in base.other_levels(setting) {
+                let configuration = start.with(setting.flag, &level);
+                self.turned.push((self.report.points.len(), setting.flag, level, base.level(setting)));
+                self.report.points.push(PointReport::new(configuration, Stage::OneKnob, &base.settings));
             }
         }
     }
@@ -336,7 +336,9 @@ impl Run<'_> {
             points.remove(longest.unwrap_or(0));
         }
         let first = self.report.points.len();
-        self.report.points.extend(points.into_iter().map(|(c, _)| PointReport::new(c, Stage::Combined, base)));
+        self.report
+            .points
+            .extend(points.into_iter().map(|(c, _)| PointReport::new(c, Stage::Combined, &base.settings)));
         (first..self.report.points.len()).collect()
     }
 
@@ -355,7 +357,7 @@ impl Run<'_> {
         let first = self.report.points.len();
         for configuration in wanted {
             if self.report.point(&configuration).is_none() {
-                self.report.points.push(PointReport::new(configuration, Stage::Target, base));
+                self.report.points.push(PointReport::new(configuration, Stage::Target, &base.settings));
             }
         }
         (first..self.report.points.len()).collect()
