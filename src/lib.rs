@@ -14,6 +14,7 @@ pub mod export;
 pub mod facts;
 pub mod film;
 pub mod gpu;
+pub mod lab;
 pub mod layout;
 pub mod oracle;
 pub mod rays;

@@ -12,7 +12,7 @@ use anyhow::bail;
 use indicatif::ProgressBar;
 
 use super::picture::PictureArguments;
-use super::{print, stop_on_interrupt};
+use super::{at_least_one, print, stop_on_interrupt};
 use crate::export::{Document, Exports, Format};
 use crate::studies::{
     Clock, Design, Event, Factor, Provenance, Purpose, Renderer, Report, Rounds, Study, StudyError, Verdict,
@@ -220,10 +220,6 @@ fn utc(since_1970: Duration) -> String {
     let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
     let year = era * 400 + year_of_era + u64::from(month <= 2);
     format!("{year}-{month:02}-{day:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
-}
-
-pub(super) fn at_least_one(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "it is not a whole number from 1 on".to_owned())
 }
 
 fn share(text: &str) -> Result<f64, StudyError> {

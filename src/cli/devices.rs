@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::gpu::{DeviceDescription, DeviceKind, Instance};
+use crate::gpu::{DeviceDescription, Instance};
 
 use super::{print, readable_bytes};
 
@@ -34,7 +34,7 @@ pub fn run(arguments: &DevicesArguments) -> anyhow::Result<()> {
 /// What a device is and can, a line each.
 pub fn limits(device: &DeviceDescription) -> anyhow::Result<String> {
     let mut text = String::new();
-    writeln!(text, "  kind             {}", kind_name(device.kind))?;
+    writeln!(text, "  kind             {}", device.kind.name())?;
     writeln!(text, "  driver           {}", device.driver)?;
     writeln!(text, "  Vulkan           {}", device.vulkan_version)?;
     let ballot = if device.subgroup_ballot { "with ballots" } else { "no ballots" };
@@ -49,15 +49,4 @@ pub fn limits(device: &DeviceDescription) -> anyhow::Result<String> {
     };
     writeln!(text, "  clock            {clock}")?;
     Ok(text)
-}
-
-/// A kind of device for people and for `--stats`.
-pub fn kind_name(kind: DeviceKind) -> &'static str {
-    match kind {
-        DeviceKind::Discrete => "discrete",
-        DeviceKind::Integrated => "integrated",
-        DeviceKind::Virtual => "virtual",
-        DeviceKind::Cpu => "cpu",
-        DeviceKind::Other => "other",
-    }
 }

@@ -12,6 +12,7 @@ use super::{compiled, load_scene, print, readable_bytes};
 use crate::bvh::Bvh;
 use crate::facts::{self, Facts};
 use crate::gpu::Device;
+use crate::lab;
 use crate::render::{Defaults, FeatureCost, Footprint, PreparedScene, Session, feature_costs};
 use crate::scene::Scene;
 use crate::settings::{Named, Settings};
@@ -46,7 +47,7 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
             None => arguments.picture.open_device()?,
         };
         let session = Session::new(&device, &prepared, &settings)?;
-        Some((compiled::kernels(&session, device.description())?, device))
+        Some((lab::compiled_kernels(&session, device.description())?, device))
     } else {
         None
     };

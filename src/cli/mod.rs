@@ -9,9 +9,7 @@ mod devices;
 pub mod diff;
 mod dump_rays;
 mod info;
-mod measure;
 pub mod picture;
-mod reference;
 mod render;
 mod replay;
 mod selftest;
@@ -20,7 +18,6 @@ mod start_up;
 mod trace;
 pub mod tradeoff;
 mod tune;
-mod tuning;
 
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -32,9 +29,11 @@ use anyhow::Context;
 use clap::{Parser, Subcommand};
 
 use crate::gpu::{Device, GpuError, Instance, Tools};
+use crate::lab::{Asked, ChildFailed, DeviceRenderer, StartUp, cache_folder};
 use crate::render::RenderError;
 use crate::scene::Scene;
-use crate::studies::Provenance;
+use crate::studies::{Provenance, Renderer};
+use picture::PictureArguments;
 
 /// A Vulkan compute path tracer that is also a measuring instrument
 #[derive(Debug, Parser)]
@@ -98,14 +97,10 @@ pub fn main() -> ExitCode {
         Command::Info(arguments) => info::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments, |arguments| {
-            let renderer = measure::DeviceRenderer::new(&arguments.picture, arguments.start_ups, arguments.quiet)?;
-            let provenance = Provenance { clocks: arguments.clocks.clone(), ..renderer.sign(compare::provenance()) };
-            Ok((Box::new(renderer), provenance))
+            renderer(&arguments.picture, arguments.start_ups, arguments.quiet, arguments.clocks.clone())
         }),
         Command::Tradeoff(arguments) => tradeoff::run(&arguments, |arguments| {
-            let renderer = measure::DeviceRenderer::new(&arguments.picture, 0, arguments.quiet)?;
-            let provenance = Provenance { clocks: arguments.clocks.clone(), ..renderer.sign(compare::provenance()) };
-            Ok((Box::new(renderer), provenance))
+            renderer(&arguments.picture, 0, arguments.quiet, arguments.clocks.clone())
         }),
         Command::StartUp(arguments) => start_up::run_command(&arguments),
         Command::FirstSample(arguments) => start_up::first_sample(&arguments),
@@ -130,7 +125,7 @@ pub fn main() -> ExitCode {
 
 /// 1 where the device failed, 2 where the user can mend it.
 fn exit_code(error: &anyhow::Error) -> ExitCode {
-    if let Some(child) = error.downcast_ref::<start_up::ChildFailed>() {
+    if let Some(child) = error.downcast_ref::<ChildFailed>() {
         return ExitCode::from(child.code);
     }
     if error.is::<stability::BrokenPromise>() || error.is::<selftest::OffDevice>() {
@@ -169,17 +164,48 @@ fn without_usage(error: &clap::Error) -> String {
     format!("{}; see --help", said.join(" "))
 }
 
+/// The renderer of a study on the device that is wanted, and where the study is made.
+fn renderer(
+    picture: &PictureArguments,
+    start_ups: usize,
+    quiet: bool,
+    clocks: Option<String>,
+) -> anyhow::Result<(Box<dyn Renderer>, Provenance)> {
+    let start_up = if start_ups > 0 { Some(StartUp::new(picture.device(), start_ups)?) } else { None };
+    let of_scene = picture.clone();
+    let asked = Asked {
+        settings: Box::new(move |scene| of_scene.settings(scene)),
+        tuned: picture.tuned(),
+        start_up,
+        warn: Box::new(warn_unless(quiet)),
+    };
+    let renderer = DeviceRenderer::new(picture.open_device()?, asked)?;
+    let provenance = Provenance { clocks, ..renderer.sign(compare::provenance()) };
+    Ok((Box::new(renderer), provenance))
+}
+
+/// Writes warnings to stderr unless quiet.
+fn warn_unless(quiet: bool) -> impl FnMut(&str) {
+    move |warning| {
+        if !quiet {
+            eprintln!("warning: {warning}");
+        }
+    }
+}
+
+/// A number of rounds or the like.
+fn at_least_one(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|&number| number > 0).ok_or_else(|| "it is not a whole number from 1 on".to_owned())
+}
+
 /// The scene of that path, or the built-in Cornell box. Its warnings go to stderr unless quiet.
 fn load_scene(path: Option<&Path>, quiet: bool) -> anyhow::Result<Scene> {
     let scene = match path {
         Some(path) => Scene::load(path)?,
         None => Scene::cornell_box(),
     };
-    if !quiet {
-        for warning in &scene.warnings {
-            eprintln!("warning: {warning}");
-        }
-    }
+    let mut warn = warn_unless(quiet);
+    scene.warnings.iter().for_each(|warning| warn(warning));
     Ok(scene)
 }
 
@@ -193,16 +219,6 @@ fn open_device_with(wanted: Option<&str>, tools: Tools) -> anyhow::Result<Device
     let instance = Arc::new(Instance::with_tools(tools)?);
     let description = instance.choose(wanted)?;
     Ok(Device::open_with_cache(&instance, description, cache_folder().as_deref())?)
-}
-
-/// Folder of what a later run can use again; `None` where `RAYWAVE_CACHE` is `off` or nobody has a home.
-fn cache_folder() -> Option<PathBuf> {
-    if std::env::var_os("RAYWAVE_CACHE").is_some_and(|value| value == "off") {
-        return None;
-    }
-    // The XDG base directory specification: a path that is not absolute is ignored.
-    let folder = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    Some(folder("XDG_CACHE_HOME").or_else(|| Some(folder("HOME")?.join(".cache")))?.join("raywave"))
 }
 
 /// Prints data. A reader that has read enough, as `head` does, is no error.

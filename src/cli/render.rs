@@ -16,19 +16,20 @@ use crate::export::plain;
 use crate::facts::{self, Facts};
 use crate::film::{FilmMoments, Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
 use crate::gpu::{DeviceDescription, GpuError, Tools};
+use crate::lab::{self, Tuning, tuning};
 use crate::render::{
     Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Session, Statistics, find_faults,
 };
 use crate::scene::Scene;
-use crate::settings::{self, Fetch, SETTINGS, Settings};
+use crate::settings::{SETTINGS, Settings};
 use crate::studies::CompiledKernelRow;
 use crate::trace::Stages;
 
-use super::devices::kind_name;
 use super::picture::PictureArguments;
 use super::tradeoff::duration;
-use super::tuning::{self, Tuning};
-use super::{check_text_output, compiled, load_scene, open_device_with, stop_on_interrupt, trace, write_text};
+use super::{
+    check_text_output, compiled, load_scene, open_device_with, stop_on_interrupt, trace, warn_unless, write_text,
+};
 
 /// Render a scene to an image
 #[derive(Debug, clap::Args)]
@@ -91,7 +92,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let defaults = Defaults::of(&device)?;
     drop(measuring);
     if arguments.picture.tuned() {
-        let tuning = Tuning::of_scene(device.description(), &scene, arguments.quiet);
+        let tuning = Tuning::of_scene(device.description(), &scene, &mut warn_unless(arguments.quiet));
         tuning.apply(&mut settings, &defaults);
     }
     let prepared = PreparedScene::in_stages(&scene, &settings, &defaults, &stages)?;
@@ -99,7 +100,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let compiled = match &arguments.stats {
         Some(_) => {
             let _stage = stages.begin("describe kernels");
-            compiled::kernels(&session, device.description())?
+            lab::compiled_kernels(&session, device.description())?
         }
         None => Vec::new(),
     };
@@ -282,70 +283,9 @@ struct Report<'a> {
     clocks: [Option<ClockState>; 2],
 }
 
-/// Every setting of a render by its key, with what was chosen where it was left open, and how far the render came.
-pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<String, Value> {
-    let resolved = Settings {
-        samples: statistics.samples,
-        scheduler: Some(statistics.scheduler),
-        bvh: Some(statistics.bvh),
-        fetch: Some(if statistics.texel_fetch { Fetch::Texel } else { Fetch::Storage }),
-        packets: Some(settings.packets.unwrap_or_default()),
-        in_flight: Some(statistics.paths_in_flight),
-        workgroup_size: Some(statistics.workgroup_size),
-        paths_per_invocation: Some(statistics.paths_per_invocation),
-        ..*settings
-    };
-    let mut map = settings::record(&resolved);
-    map.extend(object(json!({
-        "biased_by": settings.biased_by(),
-        "tuned": settings.tuned,
-        "finished_rows_pixels": statistics.rows,
-        "samples_by_rows": samples_by_rows(statistics),
-        "tile_rows_pixels": statistics.tile_rows,
-    })));
-    map
-}
-
-/// Rows from the top by the samples of their pixels, as "540x8 540x4".
-fn samples_by_rows(statistics: &Statistics) -> String {
-    let bands: Vec<_> = statistics.bands.iter().map(|band| format!("{}x{}", band.rows, band.samples)).collect();
-    bands.join(" ")
-}
-
-/// Every setting of a render and its provenance.
-pub fn record(
-    scene: &Scene,
-    settings: &Settings,
-    device: &DeviceDescription,
-    statistics: &Statistics,
-) -> Map<String, Value> {
-    let mut map = object(json!({
-        "raywave_version": env!("CARGO_PKG_VERSION"),
-        "rustc_version": env!("RAYWAVE_RUSTC_VERSION"),
-        "scene": scene.name,
-        "scene_hash": scene.hash,
-    }));
-    map.extend(settings_record(settings, statistics));
-    map.extend(object(json!({
-        "device": device.name,
-        "device_kind": kind_name(device.kind),
-        "driver": device.driver,
-        "vulkan_version": device.vulkan_version,
-        "subgroup_size_lanes": device.subgroup_size,
-    })));
-    map
-}
-
-fn object(value: Value) -> Map<String, Value> {
-    match value {
-        Value::Object(map) => map,
-        _ => unreachable!("the literals are objects"),
-    }
-}
-
 impl Report<'_> {
     fn settings(&self, statistics: &Statistics) -> Map<String, Value> {
-        record(self.scene, self.settings, self.device, statistics)
+        lab::record(self.scene, self.settings, self.device, statistics)
     }
 
     fn statistics(&self, statistics: &Statistics, mean: &ImageMean) -> Value {
@@ -451,7 +391,7 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
         part += &format!(", in rows 1 to {} alone", statistics.rows);
     }
     if statistics.bands.len() > 1 {
-        part += &format!(" (rows x samples from the top: {})", samples_by_rows(statistics));
+        part += &format!(" (rows x samples from the top: {})", lab::samples_by_rows(statistics));
     }
     let tuned =
         if settings.tuned { format!("; tuned: {}", tuning::in_words(settings, statistics)) } else { String::new() };

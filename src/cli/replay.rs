@@ -16,7 +16,6 @@ use crate::render::{Defaults, PreparedScene, Replay, ReplayOutcome, Warmth};
 use crate::settings::{Named, Settings};
 use crate::stats::{CONFIDENCE, Estimate, Interval, TOO_FEW_ROUNDS};
 
-use super::devices::kind_name;
 use super::dump_rays::{class_name, ray_scene};
 use super::picture::one_of;
 use super::render::is_same_file;
@@ -195,7 +194,7 @@ impl Report<'_> {
             "rays": outcome.rays,
             "launches": outcome.launches,
             "device": self.device.name,
-            "device_kind": kind_name(self.device.kind),
+            "device_kind": self.device.kind.name(),
             "driver": self.device.driver,
             "vulkan_version": self.device.vulkan_version,
             "subgroup_size_lanes": self.device.subgroup_size,

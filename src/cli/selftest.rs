@@ -9,9 +9,9 @@ use serde::Serialize;
 
 use super::compare::provenance;
 use super::devices::limits;
-use super::measure::sign;
 use super::{check_text_output, open_device, print, write_text};
 use crate::gpu::DeviceDescription;
+use crate::lab::sign;
 use crate::selftest::{Bench, Row, Verdict, checks};
 use crate::studies::Provenance;
 

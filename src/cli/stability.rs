@@ -6,9 +6,9 @@ use std::sync::atomic::Ordering;
 use anyhow::ensure;
 
 use super::compare::provenance;
-use super::measure::sign;
 use super::{check_text_output, open_device, print, stop_on_interrupt, write_text};
 use crate::export::EnvelopeDocument;
+use crate::lab::sign;
 use crate::stability::{Level, plans};
 use crate::studies::Envelope;
 

@@ -9,12 +9,12 @@ use std::sync::atomic::Ordering;
 
 use indicatif::ProgressBar;
 
-use super::compare::at_least_one;
+use super::at_least_one;
 use super::picture::PictureArguments;
-use super::reference::References;
 use super::{print, readable_bytes, stop_on_interrupt};
 use crate::export::numbers::seconds;
 use crate::export::{Exported, Exports, Format, TradeoffDocument};
+use crate::lab::References;
 use crate::stats::Bootstrap;
 use crate::studies::tradeoff::{Sweep, SweepEvent, SweepPlan};
 use crate::studies::{Provenance, Renderer};

@@ -57,6 +57,19 @@ pub enum DeviceKind {
     Other,
 }
 
+impl DeviceKind {
+    /// Its name, for people and records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Discrete => "discrete",
+            Self::Integrated => "integrated",
+            Self::Virtual => "virtual",
+            Self::Cpu => "cpu",
+            Self::Other => "other",
+        }
+    }
+}
+
 /// A device and what matters of it here.
 #[derive(Debug, Clone)]
 pub struct DeviceDescription {

@@ -89,6 +89,17 @@ pub enum RayClass {
     Shadow,
 }
 
+impl RayClass {
+    /// Its name, as flags and files have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Camera => "camera",
+            Self::Bounce => "bounce",
+            Self::Shadow => "shadow",
+        }
+    }
+}
+
 /// The order that rays are in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

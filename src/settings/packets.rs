@@ -40,13 +40,12 @@ impl Packets {
     }
 }
 
-const CLASSES: [(RayClass, &str); 3] =
-    [(RayClass::Camera, "camera"), (RayClass::Bounce, "bounce"), (RayClass::Shadow, "shadow")];
+const CLASSES: [RayClass; 3] = [RayClass::Camera, RayClass::Bounce, RayClass::Shadow];
 
 /// Classes of rays with a plus between them, or `none`.
 impl fmt::Display for Packets {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let classes: Vec<_> = CLASSES.iter().filter(|(class, _)| self.has(*class)).map(|(_, name)| *name).collect();
+        let classes: Vec<_> = CLASSES.iter().filter(|class| self.has(**class)).map(|class| class.name()).collect();
         f.write_str(if classes.is_empty() { "none".to_owned() } else { classes.join("+") }.as_str())
     }
 }
@@ -59,8 +58,8 @@ impl FromStr for Packets {
             return Ok(Self::default());
         }
         text.split('+').try_fold(Self::default(), |packets, name| {
-            let class = CLASSES.iter().find(|(_, class)| *class == name);
-            let (class, _) = class.ok_or("use none, or camera, bounce and shadow with + between them")?;
+            let class = CLASSES.iter().find(|class| class.name() == name);
+            let class = class.ok_or("use none, or camera, bounce and shadow with + between them")?;
             Ok(packets.with(*class, true))
         })
     }

@@ -12,13 +12,14 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 
-use super::{cache_folder, write_text};
+use super::host::cache_folder;
 use crate::bvh::BvhKind;
 use crate::gpu::DeviceDescription;
 use crate::rays::RayClass;
 use crate::render::{Defaults, SceneLevels, Statistics, Traversal};
 use crate::scene::Scene;
 use crate::settings::{Fetch, Named, Packets, Scheduler, Settings};
+use crate::whole_file;
 
 /// How to trace rays, by class; of no class where nothing is tuned.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -101,16 +102,13 @@ struct Choice {
 }
 
 impl Tuning {
-    /// The tuning for a scene on a device; empty where there is none. A file that is no good is told of
-    /// on stderr unless quiet.
-    pub fn of_scene(device: &DeviceDescription, scene: &Scene, quiet: bool) -> Self {
+    /// The tuning for a scene on a device; empty where there is none. A file that is no good is worth a warning.
+    pub fn of_scene(device: &DeviceDescription, scene: &Scene, warn: &mut dyn FnMut(&str)) -> Self {
         let key = Key::new(device, scene.mesh.triangles.len());
         let Some(file) = key.file() else { return Self::default() };
         Self::read(&file, &key).unwrap_or_else(|reason| {
-            if !quiet {
-                let file = file.display();
-                eprintln!("warning: {file}: {reason}; it is ignored, and `raywave tune` writes a new one");
-            }
+            let file = file.display();
+            warn(&format!("{file}: {reason}; it is ignored, and `raywave tune` writes a new one"));
             Self::default()
         })
     }
@@ -176,7 +174,9 @@ impl Tuning {
             fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
         }
         let text = toml::to_string(&record).context("a tuning becomes TOML")?;
-        write_text(file, &format!("# What `raywave tune` found fastest. It may be deleted.\n{text}"))
+        let text = format!("# What `raywave tune` found fastest. It may be deleted.\n{text}");
+        whole_file::write(file, |file| file.write_all(text.as_bytes()))
+            .with_context(|| format!("{}: cannot be written", file.display()))
     }
 
     /// Reads the file; nothing where there is none. Says what is wrong with it.

@@ -8,17 +8,15 @@ use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 
-use super::compiled;
-use super::devices::kind_name;
-use super::load_scene;
-use super::picture::PictureArguments;
-use super::render::settings_record;
-use super::start_up::{self, Contrast};
+use super::host::{memory, sign};
+use super::kernels::{compiled_kernels, stage};
+use super::record::settings_record;
+use super::start_up::{Contrast, StartUp};
 use super::tuning::Tuning;
 use crate::bvh::BvhKind;
 use crate::clocks::{self, Clocks};
 use crate::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
-use crate::gpu::{Device, DeviceDescription, DeviceKind};
+use crate::gpu::{Device, GpuError};
 use crate::layout::WorkCount;
 use crate::render::{
     Defaults, PrepareError, PreparedScene, RenderError, Session, SessionOptions, Statistics, WarmUp, Warmth,
@@ -26,19 +24,27 @@ use crate::render::{
 use crate::scene::Scene;
 use crate::settings::{PathState, Scheduler, Settings, ShadowRays, Sort};
 use crate::studies::{
-    BounceRow, Configuration, Cpu, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer,
-    SceneFacts, StageWork, WarmUpRow, WorkCounters,
+    BounceRow, Configuration, KernelRow, Measurement, PipelineBuild, Provenance, Purpose, Rays, Renderer, SceneFacts,
+    StageWork, WarmUpRow, WorkCounters,
 };
+
+/// What a study's renders are to be.
+pub struct Asked {
+    /// The settings of a scene, before a configuration changes them.
+    pub settings: Box<dyn Fn(&Scene) -> anyhow::Result<Settings>>,
+    /// Whether a tuning stands in for what the settings leave open.
+    pub tuned: bool,
+    /// How start-up is measured, if it is.
+    pub start_up: Option<StartUp>,
+    /// Hears what does not keep a study from going on.
+    pub warn: Box<dyn FnMut(&str)>,
+}
 
 /// Renders scenes on a device by the configurations of a study.
 pub struct DeviceRenderer {
     device: Device,
     defaults: Defaults,
-    picture: PictureArguments,
-    /// Processes that are started with cold caches, and as many with warm ones.
-    start_ups: usize,
-    /// Whether warnings are kept back.
-    quiet: bool,
+    asked: Asked,
     scene: Option<OpenScene>,
     /// Kept between renders of a configuration, so that timed ones find everything built.
     sessions: HashMap<String, Session>,
@@ -110,53 +116,17 @@ impl OpenScene {
 /// takes at once, so that no number of samples runs with fewer than it could.
 const ROOMY_SAMPLES: u32 = 64;
 
-/// The order in which a bounce runs its kernels, for tables.
-const KERNEL_ORDER: [&str; 14] = [
-    "megakernel",
-    "bounce",
-    "bounce_packets",
-    "generate",
-    "extend",
-    "extend_packets",
-    "count_bins",
-    "place_bins",
-    "sort_rays",
-    "shade",
-    "prepare_dispatch",
-    "connect",
-    "connect_packets",
-    "resolve",
-];
-
-/// The place of a kernel in a bounce.
-pub fn stage(kernel: &str) -> Option<usize> {
-    KERNEL_ORDER.iter().position(|name| *name == kernel)
-}
-
 impl DeviceRenderer {
-    /// A renderer of pictures like this one, on the device that they want.
+    /// A renderer of what was asked for, on a device.
     ///
     /// # Errors
-    /// No Vulkan, no such device.
-    pub fn new(picture: &PictureArguments, start_ups: usize, quiet: bool) -> anyhow::Result<Self> {
-        let device = picture.open_device()?;
+    /// A device that fails.
+    pub fn new(device: Device, asked: Asked) -> Result<Self, GpuError> {
         let defaults = Defaults::of(&device)?;
         let clocks = clocks::of_device(device.description().uuid);
         let pulse = Pulse { software: device.description().is_software(), last: None, clocks };
-        let picture = picture.clone();
         let sessions_bytes = memory(device.description()) / 2;
-        Ok(Self {
-            device,
-            defaults,
-            picture,
-            start_ups,
-            quiet,
-            scene: None,
-            sessions: HashMap::new(),
-            sessions_bytes,
-            newest: None,
-            pulse,
-        })
+        Ok(Self { device, defaults, asked, scene: None, sessions: HashMap::new(), sessions_bytes, newest: None, pulse })
     }
 
     /// Adds what the device is to a record.
@@ -167,11 +137,12 @@ impl DeviceRenderer {
     fn open_scene(&mut self, path: &str) -> anyhow::Result<SceneFacts> {
         self.sessions.clear();
         let path = (!path.is_empty()).then(|| PathBuf::from(path));
-        let scene: Scene = load_scene(path.as_deref(), self.quiet)?;
-        let settings = self.picture.settings(&scene)?;
+        let scene = path.as_deref().map_or_else(|| Ok(Scene::cornell_box()), Scene::load)?;
+        scene.warnings.iter().for_each(|warning| (self.asked.warn)(warning));
+        let settings = (self.asked.settings)(&scene)?;
         let (name, hash) = (scene.name.clone(), scene.hash.clone());
-        let tuning = match self.picture.tuned() {
-            true => Tuning::of_scene(self.device.description(), &scene, self.quiet),
+        let tuning = match self.asked.tuned {
+            true => Tuning::of_scene(self.device.description(), &scene, &mut self.asked.warn),
             false => Tuning::default(),
         };
         let mut open = OpenScene { path, scene, settings, tuning, prepared: HashMap::new() };
@@ -226,11 +197,9 @@ impl DeviceRenderer {
         let mut measured = measurement(&settings, &statistics);
         measured.settings = settings_record(&settings, &statistics);
         measured.image = Some(image);
-        measured.compiled_kernels = compiled::kernels(&session, self.device.description())?;
+        measured.compiled_kernels = compiled_kernels(&session, self.device.description())?;
         self.sessions.insert(key, session);
-        if self.start_ups > 0 {
-            self.start_up(&settings, &mut measured);
-        }
+        self.start_up(&settings, &mut measured);
         Ok(measured)
     }
 
@@ -256,8 +225,9 @@ impl DeviceRenderer {
 
     /// Measures start-up in processes of its own. Without it a comparison is still worth its while.
     fn start_up(&mut self, settings: &Settings, measured: &mut Measurement) {
+        let Some(start_up) = &self.asked.start_up else { return };
         let path = self.scene.as_ref().and_then(|scene| scene.path.as_deref());
-        match start_up::measure(path, self.picture.device(), settings, self.start_ups) {
+        match start_up.measure(path, settings) {
             Ok(start_ups) => {
                 let Contrast { cold, cached } = start_ups.seconds();
                 measured.cold_start_up_seconds = Some(cold.value);
@@ -271,10 +241,8 @@ impl DeviceRenderer {
             }
             Err(error) => {
                 // What failed once would fail again.
-                self.start_ups = 0;
-                if !self.quiet {
-                    eprintln!("warning: start-up and compile times are not measured: {error:#}");
-                }
+                self.asked.start_up = None;
+                (self.asked.warn)(&format!("start-up and compile times are not measured: {error:#}"));
             }
         }
     }
@@ -292,35 +260,6 @@ impl Renderer for DeviceRenderer {
     ) -> Result<Measurement, Box<dyn Error + Send + Sync>> {
         self.render(configuration, purpose).map_err(|error| format!("{error:#}").into())
     }
-}
-
-/// Bytes of memory that a device has. A software device has the host's, whatever its driver says: lavapipe of Mesa 22.3
-/// says 2 GiB on every machine.
-fn memory(device: &DeviceDescription) -> u64 {
-    let available = || {
-        let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-        let kibibytes = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-        kibibytes.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kibibytes| kibibytes << 10)
-    };
-    let of_host = if device.is_software() { available() } else { None };
-    of_host.unwrap_or(0).max(device.memory_bytes)
-}
-
-/// The processor, as Linux tells of it.
-fn cpu() -> Option<Cpu> {
-    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
-    let values = |key: &str| {
-        let of_key = move |line: &str| {
-            let (name, value) = line.split_once(':')?;
-            (name.trim() == key).then(|| value.trim().to_owned())
-        };
-        text.lines().filter_map(of_key).collect::<Vec<_>>()
-    };
-    Some(Cpu {
-        model: values("model name").into_iter().next()?,
-        logical_processors: std::thread::available_parallelism().ok()?.get(),
-        megahertz: values("cpu MHz").iter().filter_map(|value| value.parse().ok()).reduce(f64::max),
-    })
 }
 
 /// What a render cost, as a study records it.
@@ -431,18 +370,5 @@ fn path_state_bytes(settings: &Settings, statistics: &Statistics) -> u64 {
             let sorted = if settings.sort == Sort::None { 0 } else { 2 * (4 + 16) + 4 + 4 } * rays;
             generated + traced + sorted + continued + shadows + resolved
         }
-    }
-}
-
-/// Adds the device to where a study was made.
-pub fn sign(device: &DeviceDescription, provenance: Provenance) -> Provenance {
-    Provenance {
-        device: device.name.clone(),
-        device_kind: kind_name(device.kind).to_owned(),
-        driver: device.driver.clone(),
-        vulkan_version: device.vulkan_version.clone(),
-        subgroup_size_lanes: device.subgroup_size,
-        cpu: (device.kind == DeviceKind::Cpu).then(cpu).flatten(),
-        ..provenance
     }
 }

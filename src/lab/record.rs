@@ -1,0 +1,69 @@
+//! What belongs to an image: every setting that made it, and where it was made.
+
+use serde_json::{Map, Value, json};
+
+use crate::gpu::DeviceDescription;
+use crate::render::Statistics;
+use crate::scene::Scene;
+use crate::settings::{self, Fetch, Settings};
+
+/// Every setting of a render by its key, with what was chosen where it was left open, and how far the render came.
+pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<String, Value> {
+    let resolved = Settings {
+        samples: statistics.samples,
+        scheduler: Some(statistics.scheduler),
+        bvh: Some(statistics.bvh),
+        fetch: Some(if statistics.texel_fetch { Fetch::Texel } else { Fetch::Storage }),
+        packets: Some(settings.packets.unwrap_or_default()),
+        in_flight: Some(statistics.paths_in_flight),
+        workgroup_size: Some(statistics.workgroup_size),
+        paths_per_invocation: Some(statistics.paths_per_invocation),
+        ..*settings
+    };
+    let mut map = settings::record(&resolved);
+    map.extend(object(json!({
+        "biased_by": settings.biased_by(),
+        "tuned": settings.tuned,
+        "finished_rows_pixels": statistics.rows,
+        "samples_by_rows": samples_by_rows(statistics),
+        "tile_rows_pixels": statistics.tile_rows,
+    })));
+    map
+}
+
+/// Rows from the top by the samples of their pixels, as "540x8 540x4".
+pub fn samples_by_rows(statistics: &Statistics) -> String {
+    let bands: Vec<_> = statistics.bands.iter().map(|band| format!("{}x{}", band.rows, band.samples)).collect();
+    bands.join(" ")
+}
+
+/// Every setting of a render and its provenance.
+pub fn record(
+    scene: &Scene,
+    settings: &Settings,
+    device: &DeviceDescription,
+    statistics: &Statistics,
+) -> Map<String, Value> {
+    let mut map = object(json!({
+        "raywave_version": env!("CARGO_PKG_VERSION"),
+        "rustc_version": env!("RAYWAVE_RUSTC_VERSION"),
+        "scene": scene.name,
+        "scene_hash": scene.hash,
+    }));
+    map.extend(settings_record(settings, statistics));
+    map.extend(object(json!({
+        "device": device.name,
+        "device_kind": device.kind.name(),
+        "driver": device.driver,
+        "vulkan_version": device.vulkan_version,
+        "subgroup_size_lanes": device.subgroup_size,
+    })));
+    map
+}
+
+pub(super) fn object(value: Value) -> Map<String, Value> {
+    match value {
+        Value::Object(map) => map,
+        _ => unreachable!("the literals are objects"),
+    }
+}
