@@ -7,7 +7,7 @@
 #include "bindings_path.glsl"
 #include "specialization.glsl"
 
-layout(constant_id = SPEC_WORKGROUP_SIZE) const uint WORKGROUP_SIZE = 256u;
+layout(constant_id = WORKGROUP_SIZE_ID) const uint WORKGROUP_SIZE = 256u;
 layout(local_size_x = 1) in;
 
 uint groups(uint count) { return (count + WORKGROUP_SIZE - 1u) / WORKGROUP_SIZE; }

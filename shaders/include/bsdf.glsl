@@ -62,7 +62,7 @@ Material fetch_material(uint index, vec2 uv) {
     return m;
 }
 
-bool is_specular(Material m) { return HAS_SPECULAR && (!HAS_GLOSSY || m.surface != SURFACE_GLOSSY); }
+bool is_specular(Material m) { return HAS_SPECULAR && (!HAS_PHONG || m.surface != SURFACE_PHONG); }
 
 float mean3(vec3 c) { return (c.x + c.y + c.z) * (1.0 / 3.0); }
 
@@ -91,7 +91,7 @@ vec3 evaluate_glossy(Material m, Surface surface, vec3 wo, vec3 wi, out float pd
     bool above = cos_theta > 0.0 && side_of(surface, wo) == side_of(surface, wi);
     vec3 f = m.kd * INVERSE_PI;
     pdf = cos_theta * INVERSE_PI;
-    if (HAS_PHONG) {
+    if (HAS_PHONG_LOBES) {
         float lobe = phong_lobe(m, n, wo, wi);
         f += m.ks * lobe;
         pdf = mix(pdf, lobe, lobe_probability(m));
@@ -103,13 +103,13 @@ vec3 evaluate_glossy(Material m, Surface surface, vec3 wo, vec3 wi, out float pd
 // Picks a lobe by its weight, then a direction by the lobe.
 Scatter scatter_glossy(Material m, Surface surface, vec3 wo, vec2 u) {
     vec3 n = surface.shading_normal * side_of(surface, wo);
-    float probability = HAS_PHONG ? lobe_probability(m) : 0.0;
-    bool lobe = HAS_PHONG && !falls_above(u.x, probability);
+    float probability = HAS_PHONG_LOBES ? lobe_probability(m) : 0.0;
+    bool lobe = HAS_PHONG_LOBES && !falls_above(u.x, probability);
     // One direction for both: a device that runs both sides of an `if` turns the axis once.
     float cos_theta = cosine_of(u.x);
     float sin_theta = sine_of(cos_theta);
     vec3 axis = n;
-    if (HAS_PHONG) {
+    if (HAS_PHONG_LOBES) {
         vec2 in_lobe = cosine_power_of(m.ns, u.x);
         cos_theta = lobe ? in_lobe.x : cos_theta;
         sin_theta = lobe ? in_lobe.y : sin_theta;
@@ -118,7 +118,7 @@ Scatter scatter_glossy(Material m, Surface surface, vec3 wo, vec2 u) {
     vec3 wi = around(axis, vec2(cos_theta, sin_theta), u.y);
     // Without a lobe f cos / pdf is Kd, the same bits as in kernels that know no lobes.
     vec3 weight = side_of(surface, wo) == side_of(surface, wi) ? m.kd : vec3(0.0);
-    if (HAS_PHONG) {
+    if (HAS_PHONG_LOBES) {
         float pdf;
         vec3 value = evaluate_glossy(m, surface, wo, wi, pdf);
         weight = probability > 0.0 ? (pdf > 0.0 ? value / pdf : vec3(0.0)) : weight;

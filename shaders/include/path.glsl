@@ -90,7 +90,7 @@ float spend(float x) {
 // Scatters by the BRDF and pays for it.
 Scatter scatter_at(Surface surface, Material material, bool specular, vec3 wo, vec4 u) {
     Scatter scatter;
-    if (HAS_SPECULAR && (!HAS_GLOSSY || specular)) {
+    if (HAS_SPECULAR && (!HAS_PHONG || specular)) {
         scatter = scatter_specular(material, surface, wo, u.y);
     } else {
         scatter = scatter_glossy(material, surface, wo, u.zw);

@@ -2,7 +2,7 @@
 
 use super::super::plan::Plan;
 use super::super::settings::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
-use crate::bvh::BvhKind;
+use crate::bvh::{Bvh, BvhKind};
 use crate::constants::*;
 use crate::scene::{self, Environment, Integrator, Sampler, Scene, Surface};
 
@@ -13,10 +13,10 @@ pub struct Features {
     pub environment: u32,
     /// Some triangle emits.
     pub lights: bool,
-    /// Some material has a diffuse or Phong part.
-    pub glossy: bool,
-    /// Some material has a Phong lobe.
+    /// Some material is a Phong BRDF: Lambert plus lobe.
     pub phong: bool,
+    /// The lobe of some Phong BRDF is above zero.
+    pub phong_lobes: bool,
     /// Some material is a mirror.
     pub mirror: bool,
     /// Some material refracts without Fresnel split.
@@ -38,8 +38,8 @@ impl Features {
     pub const ALL: Self = Self {
         environment: ENVIRONMENT_ANY,
         lights: true,
-        glossy: true,
         phong: true,
+        phong_lobes: true,
         mirror: true,
         refractive: true,
         dielectric: true,
@@ -62,8 +62,8 @@ impl Features {
                 Environment::LatLong(_) => ENVIRONMENT_LAT_LONG,
             },
             lights: any(&|m| m.is_emitter()),
-            glossy: is(Surface::Glossy),
-            phong: any(&|m| !m.is_emitter() && m.surface == Surface::Glossy && m.ks.max_element() > 0.0),
+            phong: is(Surface::Glossy),
+            phong_lobes: any(&|m| !m.is_emitter() && m.surface == Surface::Glossy && m.ks.max_element() > 0.0),
             mirror: is(Surface::Mirror),
             refractive: is(Surface::Refractive),
             dielectric: is(Surface::Dielectric),
@@ -76,7 +76,7 @@ impl Features {
     }
 
     fn scatters(&self) -> bool {
-        self.glossy || self.mirror || self.refractive || self.dielectric
+        self.phong || self.mirror || self.refractive || self.dielectric
     }
 }
 
@@ -129,19 +129,19 @@ impl Needs {
             scatters,
             bounded: settings.max_bounces.is_some(),
             roulette: settings.roulette > 0.0 || settings.roulette_mode == RouletteMode::Throughput,
-            shadows: scatters && features.glossy && lit && settings.integrator != Integrator::Implicit,
+            shadows: scatters && features.phong && lit && settings.integrator != Integrator::Implicit,
             stack_size,
         }
     }
 
-    /// Specialization constants by id.
-    pub fn specialization(&self, settings: &Settings, plan: &Plan, bvh: BvhKind) -> Vec<u32> {
+    /// What kernels are built for, with the settings and the BVH of a render.
+    pub fn specialization(&self, settings: &Settings, plan: &Plan, bvh: &Bvh) -> Specialization {
         let Self { features, scatters, bounded, roulette, shadows, stack_size } = *self;
         let Features {
             environment,
             lights,
-            glossy,
             phong,
+            phong_lobes,
             mirror,
             refractive,
             dielectric,
@@ -150,48 +150,42 @@ impl Needs {
             lens,
             distance,
         } = features;
-        let mut constants = vec![0; SPEC_COUNT as usize];
-        for (id, value) in [
-            (SPEC_WORKGROUP_SIZE, plan.workgroup_size),
-            (SPEC_STACK_SIZE, stack_size),
-            (
-                SPEC_INTEGRATOR,
-                match settings.integrator {
-                    Integrator::Implicit => INTEGRATOR_IMPLICIT,
-                    Integrator::Explicit => INTEGRATOR_EXPLICIT,
-                    Integrator::Mis => INTEGRATOR_MIS,
-                },
-            ),
-            (SPEC_ENVIRONMENT, environment),
-            (SPEC_HAS_LIGHTS, lights.into()),
-            (SPEC_HAS_PHONG, phong.into()),
-            (SPEC_HAS_MIRROR, mirror.into()),
-            (SPEC_HAS_REFRACTIVE, refractive.into()),
-            (SPEC_HAS_DIELECTRIC, dielectric.into()),
-            (SPEC_HAS_TEXTURES, textures.into()),
-            (SPEC_HAS_NORMALS, normals.into()),
-            (SPEC_HAS_LENS, lens.into()),
-            (SPEC_HAS_DISTANCE, distance.into()),
-            (SPEC_HAS_ROULETTE, roulette.into()),
-            (SPEC_HAS_GLOSSY, glossy.into()),
-            (SPEC_SCATTERS, scatters.into()),
-            (SPEC_BOUNDED, bounded.into()),
-            (SPEC_CASTS_SHADOWS, shadows.into()),
-            (SPEC_SHADING_COST, settings.shading_cost),
-            (SPEC_MATERIAL_BRANCHES, settings.material_branches),
-            (SPEC_SORTED, (settings.sort == Sort::Material).into()),
-            (SPEC_DEFERS_SHADOW_RAYS, (settings.shadow_rays == ShadowRays::Deferred).into()),
-            (SPEC_HALF_STATE, (settings.path_state == PathState::F16).into()),
-            (SPEC_FIXED_OFFSETS, (settings.offsets == Offsets::Fixed).into()),
-            (SPEC_BVH_WIDTH, bvh.width()),
-            (SPEC_SOBOL, (settings.sampler == Sampler::Sobol).into()),
-            (SPEC_ROULETTE_BY_THROUGHPUT, (settings.roulette_mode == RouletteMode::Throughput).into()),
-            (SPEC_CLAMPS, settings.clamp.is_some().into()),
-            (SPEC_REGENERATES, (plan.paths_per_invocation > 1).into()),
-        ] {
-            constants[id as usize] = value;
+        Specialization {
+            workgroup_size: plan.workgroup_size,
+            stack_size,
+            bvh_width: bvh.kind.width(),
+            listed_count: if bvh.kind == BvhKind::List { bvh.order.len() as u32 } else { 0 },
+            integrator: match settings.integrator {
+                Integrator::Implicit => INTEGRATOR_IMPLICIT,
+                Integrator::Explicit => INTEGRATOR_EXPLICIT,
+                Integrator::Mis => INTEGRATOR_MIS,
+            },
+            sobol: settings.sampler == Sampler::Sobol,
+            environment,
+            has_lights: lights,
+            has_phong: phong,
+            has_phong_lobes: phong_lobes,
+            has_mirror: mirror,
+            has_refractive: refractive,
+            has_dielectric: dielectric,
+            has_textures: textures,
+            has_normals: normals,
+            has_lens: lens,
+            has_distance: distance,
+            scatters,
+            bounded,
+            casts_shadows: shadows,
+            has_roulette: roulette,
+            roulette_by_throughput: settings.roulette_mode == RouletteMode::Throughput,
+            clamps: settings.clamp.is_some(),
+            half_state: settings.path_state == PathState::F16,
+            fixed_offsets: settings.offsets == Offsets::Fixed,
+            shading_cost: settings.shading_cost,
+            material_branches: settings.material_branches,
+            sorted: settings.sort == Sort::Material,
+            defers_shadow_rays: settings.shadow_rays == ShadowRays::Deferred,
+            regenerates: plan.paths_per_invocation > 1,
         }
-        constants
     }
 
     /// Bytes of so many traversal stacks, beyond what stays in registers.

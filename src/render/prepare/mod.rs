@@ -265,12 +265,10 @@ impl PreparedScene {
         }
     }
 
-    /// Specialization constants by id.
+    /// Specialization constants by id: those of the table, then the vertices of a list.
     pub fn specialization(&self, settings: &Settings, plan: &Plan) -> Vec<u32> {
-        let mut constants = self.needs(settings).specialization(settings, plan, self.bvh.kind);
+        let mut constants = self.needs(settings).specialization(settings, plan, &self.bvh).words();
         if self.bvh.kind == BvhKind::List {
-            constants[SPEC_LISTED_COUNT as usize] = self.triangles.len() as u32;
-            constants.resize(SPEC_LISTED_TRIANGLES as usize, 0);
             let vertices = self.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]);
             constants.extend(vertices.flatten().map(f32::to_bits));
         }

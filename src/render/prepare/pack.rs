@@ -21,7 +21,7 @@ pub(super) fn pack_material(material: &scene::Material, headers: &[u32], radianc
             SURFACE_EMITTER
         } else {
             match material.surface {
-                Surface::Glossy => SURFACE_GLOSSY,
+                Surface::Glossy => SURFACE_PHONG,
                 Surface::Mirror => SURFACE_MIRROR,
                 Surface::Refractive => SURFACE_REFRACTIVE,
                 Surface::Dielectric => SURFACE_DIELECTRIC,
