@@ -11,19 +11,18 @@ macro_rules! shared_constants {
 }
 
 shared_constants! {
-    /// Says that a ray leaves no triangle, or that it hit none.
+    /// No primitive: a ray leaves none, or hit none.
     NO_TRIANGLE = u32::MAX;
 
-    /// Bit of a BVH child reference that tells a leaf from an inner node.
+    /// Bit of a BVH child reference that is set for a leaf and clear for an inner node.
     LEAF_BIT = 1 << 31;
     /// Where a leaf reference keeps its triangle count; the bits under it are its first triangle.
     LEAF_COUNT_SHIFT = 27;
     /// Most triangles a leaf can hold: the count has 4 bits, and 15 is kept for `TRAVERSAL_DONE`.
     LEAF_MAX_TRIANGLES = 8;
-    /// What an empty traversal stack yields: it looks like a leaf, so that it ends the walk over
-    /// inner nodes too.
+    /// What an empty traversal stack yields: it looks like a leaf, so that it ends the loop over inner nodes too.
     TRAVERSAL_DONE = u32::MAX;
-    /// Bounces whose rays are counted apart; the last count takes all that follow.
+    /// Bounces whose rays are counted apart; the last count takes all later ones too.
     COUNTED_BOUNCES = 64;
 
     /// Where `count_item` counts a ray to the next surface.
@@ -37,23 +36,23 @@ shared_constants! {
     /// Bins that rays are sorted into by what they hit: misses, then surfaces or branches.
     MATERIAL_BINS = 128;
 
-    /// Samples that are not finite whose pixel and number are kept.
+    /// Capacity of the list of non-finite samples.
     TRACED_SAMPLES = 16;
 
     /// Entries of the traversal stack that are kept in registers.
     STACK_REGISTERS = 8;
     /// Entries of the traversal stack that move between registers and memory at a time.
     STACK_BLOCK = 4;
-    /// Where the children of a wide node stand among what a ray meets in it; its triangles stand in
-    /// the bits under it, three for each of eight children.
+    /// Where the inner children of a wide node begin among the bits of what a ray enters in it; its triangles have the
+    /// bits under it, three for each of eight children.
     WIDE_INNER_BIT = 24;
     /// Most triangles of a wide leaf.
     WIDE_LEAF_TRIANGLES = 3;
-    /// Groups of triangles that a ray gathers from wide nodes before it meets them, in search of the
+    /// Groups of triangles that a ray gathers from wide nodes before it intersects them, in search of the
     /// nearest hit, at most 3; a group is of one node. On lavapipe 3 make rays of bounces 1.2 times as
     /// fast as 1.
     CLOSEST_GROUPS = 3;
-    /// The same in search of any hit, where a group that blocks spares all that follows.
+    /// The same in search of any hit, where a group that occludes spares all later ones.
     ANY_GROUPS = 2;
     /// Most places for nodes of a wide BVH: a stack entry has 24 bits for that of a node's children, and 8 for which
     /// of them are left.
@@ -72,27 +71,27 @@ shared_constants! {
     SURFACE_PHONG = 0;
     /// Perfect mirror.
     SURFACE_MIRROR = 1;
-    /// Snell refraction without Fresnel split.
+    /// Glass that refracts by Snell's law without Fresnel's split.
     SURFACE_REFRACTIVE = 2;
     /// Fresnel dielectric.
     SURFACE_DIELECTRIC = 3;
-    /// Pure emitter.
+    /// Area light, which scatters nothing.
     SURFACE_EMITTER = 4;
 
-    /// No light from infinity.
+    /// No environment light.
     ENVIRONMENT_BLACK = 0;
     /// The same radiance from everywhere.
     ENVIRONMENT_CONSTANT = 1;
     /// A lat-long image.
     ENVIRONMENT_LAT_LONG = 2;
-    /// Any of them: kernels ask the frame which.
+    /// Any of them: the frame says which.
     ENVIRONMENT_ANY = 3;
 
-    /// Only BRDF sampling finds light.
+    /// Only BSDF sampling finds light.
     INTEGRATOR_IMPLICIT = 0;
-    /// A light sample at every non-specular vertex.
+    /// Next-event estimation: a light sample at every vertex that is not all specular.
     INTEGRATOR_EXPLICIT = 1;
-    /// BRDF and light sampling, weighted by their densities.
+    /// Multiple importance sampling: BSDF and light samples, weighted by their pdfs.
     INTEGRATOR_MIS = 2;
 
     /// `max_bounces` of an unbounded path.
