@@ -28,6 +28,7 @@ mod arithmetic;
 mod link;
 
 use arithmetic::{Arithmetic, Form, Forms};
+use constants::{Specialization, SpecializationConstant};
 use link::Library;
 
 /// How the builds of a kernel reach memory: it cannot be a specialization constant because it
@@ -126,9 +127,11 @@ struct Table {
 
 impl Table {
     fn of(folder: &str, editions: &[Edition], portable: Option<&Library>, out: &Path) -> Self {
-        let mut paths: Vec<PathBuf> = fs::read_dir(folder)
-            .map(|entries| entries.map(|entry| entry.expect("a shader folder can be read").path()).collect())
-            .unwrap_or_default();
+        let mut paths: Vec<PathBuf> = match fs::read_dir(folder) {
+            Ok(entries) => entries.map(|entry| entry.expect("a shader folder can be read").path()).collect(),
+            Err(_) if folder == PROBES => Vec::new(),
+            Err(error) => return Self { errors: vec![format!("{folder}: {error}")], ..Self::default() },
+        };
         paths.retain(|path| path.extension().is_some_and(|extension| extension == "comp"));
         // Name, file, and the macro of a form.
         let mut kernels: Vec<(String, PathBuf, Option<&'static str>)> = Vec::new();
@@ -260,7 +263,7 @@ fn counts_invocations_without_the_constant(module: &Module) -> bool {
         i.operands.iter().filter_map(Operand::id_ref_any).any(|id| ids.contains(&id))
     };
     let code = || module.functions.iter().flat_map(|function| function.all_inst_iter());
-    let size = [Operand::Decoration(Decoration::SpecId), Operand::LiteralBit32(constants::SPEC_WORKGROUP_SIZE)];
+    let size = [Operand::Decoration(Decoration::SpecId), Operand::LiteralBit32(workgroup_size_id())];
     let mut size = decorated(&size);
     for made in &module.types_global_values {
         if names(made, &size) {
@@ -296,14 +299,8 @@ fn compile(
         options.add_macro_definition(name, Some("1"));
     }
     options.set_include_callback(|requested, _, _, _| {
-        if requested == "constants.glsl" {
-            return Ok(shaderc::ResolvedInclude { resolved_name: requested.to_owned(), content: glsl_constants() });
-        }
-        if requested == "listed_triangles.glsl" {
-            return Ok(shaderc::ResolvedInclude {
-                resolved_name: requested.to_owned(),
-                content: glsl_listed_triangles(),
-            });
+        if let Some((_, content)) = GENERATED.iter().find(|(name, _)| *name == requested) {
+            return Ok(shaderc::ResolvedInclude { resolved_name: requested.to_owned(), content: content() });
         }
         let found = INCLUDES.iter().map(|folder| format!("{folder}/{requested}")).find(|path| Path::new(path).exists());
         let resolved_name = found.ok_or_else(|| format!("{requested} is in none of {INCLUDES:?}"))?;
@@ -321,6 +318,13 @@ fn compile(
     Ok(module)
 }
 
+/// Includes that are written here, from what Rust says.
+const GENERATED: [(&str, fn() -> String); 3] = [
+    ("constants.glsl", glsl_constants),
+    ("specialization_constants.glsl", glsl_specialization_constants),
+    ("listed_triangles.glsl", glsl_listed_triangles),
+];
+
 fn glsl_constants() -> String {
     constants::GLSL.iter().fold(String::new(), |mut text, (name, value)| {
         writeln!(text, "#define {name} {value}u").expect("strings grow");
@@ -328,12 +332,36 @@ fn glsl_constants() -> String {
     })
 }
 
+/// A declaration of each specialization constant, under its meaning. The size of a workgroup is declared by
+/// `workgroup.glsl`, in the syntax that GLSL has for it alone, and has its id here.
+fn glsl_specialization_constants() -> String {
+    Specialization::TABLE.iter().enumerate().fold(String::new(), |mut text, (id, constant)| {
+        let SpecializationConstant { name, rust_type, default, meaning } = constant;
+        let glsl_name = name.to_uppercase();
+        writeln!(text, "//{meaning}").expect("strings grow");
+        let declared = if id as u32 == workgroup_size_id() {
+            writeln!(text, "#define {glsl_name}_ID {id}u")
+        } else if *rust_type == "bool" {
+            writeln!(text, "layout(constant_id = {id}) const bool {glsl_name} = {};", *default != 0)
+        } else {
+            writeln!(text, "layout(constant_id = {id}) const uint {glsl_name} = {default}u;")
+        };
+        declared.expect("strings grow");
+        text
+    })
+}
+
+fn workgroup_size_id() -> u32 {
+    let id = Specialization::TABLE.iter().position(|constant| constant.name == "workgroup_size");
+    id.expect("the table has the size of a workgroup") as u32
+}
+
 /// The specialization constants that hold the vertices of listed triangles, and an initialiser of an
 /// array of the vertices: GLSL has no constant arrays of specialization constants.
 fn glsl_listed_triangles() -> String {
     let floats = 0..9 * constants::LISTED_TRIANGLES;
     let mut text = floats.fold(String::new(), |mut text, i| {
-        let id = constants::SPEC_LISTED_TRIANGLES + i;
+        let id = Specialization::TABLE.len() as u32 + i;
         writeln!(text, "layout(constant_id = {id}) const float LISTED_{i} = 0.0;").expect("strings grow");
         text
     });

@@ -4,17 +4,11 @@
 // the next half of the ray queue, shadow rays, control.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#ifdef SUBGROUP_BALLOT
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#extension GL_KHR_shader_subgroup_vote : require
-#extension GL_KHR_shader_subgroup_arithmetic : require
-#endif
 #include "workgroup.glsl"
 #define CONTROL_ACCESS
 #include "path_state.glsl"
 #include "append.glsl"
-#include "bvh.glsl"
+#include "occlusion.glsl"
 #include "cut_loops.glsl"
 
 void main() {
@@ -22,7 +16,7 @@ void main() {
     bool live = place < control.current_rays;
     uint slot = 0u;
     Path path;
-    Vertex vertex = ended(vec3(0.0));
+    Vertex vertex = vertex_without_scatter(vec3(0.0));
     if (live) {
         slot = current_ray(place);
         // Traversal has few registers to spare: the rest of the path is loaded after it.
@@ -49,13 +43,11 @@ void main() {
                 store_shadow_ray(shadow_place, slot, vertex.shadow);
             }
         } else {
-            // A loop of one turn at most: where no lane has a shadow ray, it is skipped.
-            while (casts) {
-                if (!trace_any(vertex.shadow.ray, vertex.shadow.light, shadow_limit(vertex.shadow.light))) {
+            SKIPPABLE_IF(casts) {
+                if (!is_occluded(vertex.shadow)) {
                     arriving = vertex.shadow.radiance;
                 }
                 count_item(STAGE_CONNECT, batch.bounce);
-                casts = false;
             }
         }
     }
@@ -64,5 +56,5 @@ void main() {
         vec3 radiance = radiances.rgb[slot].rgb + vertex.emission;
         radiances.rgb[slot] = vec4(radiance + arriving, 0.0);
     }
-    tell_cut_loops();
+    report_cut_loops();
 }

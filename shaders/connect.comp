@@ -1,18 +1,12 @@
-// Adds the light of every shadow ray that nothing blocks. A path has one shadow ray a bounce, so
+// Adds the light of every shadow ray that is not occluded. A path has one shadow ray a bounce, so
 // no two invocations add to the same slot.
 // Threads: one a current shadow ray. Reads: shadow rays, scene. Writes: radiances, control.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#ifdef SUBGROUP_BALLOT
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#extension GL_KHR_shader_subgroup_vote : require
-#extension GL_KHR_shader_subgroup_arithmetic : require
-#endif
 #include "workgroup.glsl"
 #define CONTROL_ACCESS
 #include "path_state.glsl"
-#include "bvh.glsl"
+#include "occlusion.glsl"
 #include "cut_loops.glsl"
 
 void main() {
@@ -20,10 +14,10 @@ void main() {
     if (place < control.current_shadow_rays) {
         uint slot;
         ShadowRay shadow = load_shadow_ray(place, slot);
-        if (!trace_any(shadow.ray, shadow.light, shadow_limit(shadow.light))) {
+        if (!is_occluded(shadow)) {
             radiances.rgb[slot] += vec4(shadow.radiance, 0.0);
         }
         count_item(STAGE_CONNECT, batch.bounce);
     }
-    tell_cut_loops();
+    report_cut_loops();
 }

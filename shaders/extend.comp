@@ -2,12 +2,6 @@
 // Threads: one a current ray. Reads: ray queue, rays, scene. Writes: hits, control.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#ifdef SUBGROUP_BALLOT
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#extension GL_KHR_shader_subgroup_vote : require
-#extension GL_KHR_shader_subgroup_arithmetic : require
-#endif
 #include "workgroup.glsl"
 #define CONTROL_ACCESS
 #include "path_state.glsl"
@@ -21,5 +15,5 @@ void main() {
         store_hit(slot, trace_closest(load_ray(slot)));
         count_item(STAGE_EXTEND, batch.bounce);
     }
-    tell_cut_loops();
+    report_cut_loops();
 }

@@ -2,20 +2,16 @@
 // Threads: one a slot. Reads: frame, scene. Writes: radiances, control.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#ifdef SUBGROUP_BALLOT
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#endif
 #include "workgroup.glsl"
 #define CONTROL_ACCESS
 #include "path_state.glsl"
-#include "bvh.glsl"
+#include "occlusion.glsl"
 #include "cut_loops.glsl"
 
 void main() {
     uint slots = batch.pixel_count * batch.sample_count;
     uint slot = gl_GlobalInvocationID.x;
-    Path path = kept(begin_path(pixel_of(slot), sample_of(slot)));
+    Path path = rounded_path(begin_path(pixel_of(slot), sample_of(slot)));
     vec3 radiance = vec3(0.0);
     uint bounce_rays = 0u;
     uint shadow_rays = 0u;
@@ -27,37 +23,32 @@ void main() {
         count_item(STAGE_EXTEND, path.bounce);
         uint bounce = path.bounce;
         Vertex vertex = shade_vertex(path, hit);
-        path = kept(path);
+        path = rounded_path(path);
         count_vertex();
         count_item(STAGE_SHADE, bounce);
         radiance += vertex.emission;
-        bool lit = carries_light(vertex.shadow);
-        // A loop of one turn at most: where no lane has a shadow ray, it is skipped.
-        while (lit) {
+        SKIPPABLE_IF(carries_light(vertex.shadow)) {
             shadow_rays += 1u;
-            if (!trace_any(vertex.shadow.ray, vertex.shadow.light, shadow_limit(vertex.shadow.light))) {
+            if (!is_occluded(vertex.shadow)) {
                 radiance += vertex.shadow.radiance;
             }
             count_item(STAGE_CONNECT, bounce);
-            lit = false;
         }
-        bool ends = !vertex.continues;
-        while (ends) {
+        SKIPPABLE_IF(!vertex.continues) {
             radiances.rgb[batch.first_slot + slot] = vec4(radiance, 0.0);
             live = false;
-            // Take the next path at once rather than wait for the subgroup's longest. Its slot is
-            // known beforehand: a shared counter would let the workgroups that a device runs first
-            // take all paths.
+            // Path regeneration: begin the next path rather than wait for the subgroup's longest. (Novak, Havran and
+            // Dachsbacher 2010) Its slot is known beforehand: with a shared counter the workgroups that a device runs
+            // first would take all paths.
             if (REGENERATES) {
                 slot += gl_WorkGroupSize.x * gl_NumWorkGroups.x;
                 live = slot < slots;
-                path = kept(begin_path(pixel_of(slot), sample_of(slot)));
+                path = rounded_path(begin_path(pixel_of(slot), sample_of(slot)));
                 radiance = vec3(0.0);
             }
-            ends = false;
         }
     }
     atomicAdd(control.next_rays, bounce_rays);
     atomicAdd(control.next_shadow_rays, shadow_rays);
-    tell_cut_loops();
+    report_cut_loops();
 }

@@ -25,22 +25,22 @@ void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index < batch.pixel_count) {
         FilmPixel pixel = film.pixels[batch.film_pixel + index];
-        bool spoilt = false;
+        bool has_nonfinite = false;
         // From slot to slot: a loop whose bound is the same for all pixels lavapipe compiles for each number of samples.
         uint first = index * batch.sample_count;
         uint end = first + batch.sample_count;
         for (uint slot = first; slot < end; slot++) {
             vec3 radiance = radiances.rgb[slot].rgb;
             bool finite = is_finite(radiance);
-            spoilt = spoilt || !finite;
+            has_nonfinite = has_nonfinite || !finite;
             radiance = finite ? radiance : vec3(0.0);
             add(pixel.sum.rgb, pixel.sum_compensation.rgb, radiance);
             add(pixel.squares.rgb, pixel.squares_compensation.rgb, radiance * radiance);
         }
         film.pixels[batch.film_pixel + index] = pixel;
 
-        // Tell which samples were left out. The others pay nothing for it.
-        for (uint slot = first; spoilt && slot < end; slot++) {
+        // Report which samples were left out.
+        for (uint slot = first; has_nonfinite && slot < end; slot++) {
             if (!is_finite(radiances.rgb[slot].rgb)) {
                 uint place = atomicAdd(control.nonfinite_samples, 1u);
                 if (place < TRACED_SAMPLES) {

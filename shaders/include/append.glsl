@@ -2,10 +2,11 @@
 #ifndef APPEND_GLSL
 #define APPEND_GLSL
 #include "path_state.glsl"
+#include "subgroup.glsl"
 
-// Adds one to COUNTER for every invocation whose `wanted` holds and yields its place. Call it in
-// uniform control flow. It holds for any lanes that come to it together, as long as they are together again behind the
-// branch of the one that counts: the host builds kernels with ballots where the driver promises that.
+// Adds one to COUNTER for every invocation whose WANTED holds and yields its PLACE. Call it in uniform control flow. Any
+// lanes that are active together may call it, as long as they reconverge behind the branch of the one that counts: the
+// host builds kernels with ballots only where the driver promises that.
 #ifdef SUBGROUP_BALLOT
 #define APPEND(COUNTER, WANTED, PLACE) { \
     uvec4 takers = subgroupBallot(WANTED); \

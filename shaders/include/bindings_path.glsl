@@ -29,13 +29,13 @@ struct RayCount {
 };
 
 layout(set = 1, binding = 1, std430) buffer RayQueue { uint paths[]; } ray_queue;  // two halves
-layout(set = 1, binding = 2, std430) buffer RayOrigins { uvec4 words[]; } ray_origins;        // origin, triangle left
-layout(set = 1, binding = 3, std430) buffer RayDirections { uvec4 words[]; } ray_directions;  // direction, sees_emission or with MIS density; with HALF_STATE as pack_path has it
-layout(set = 1, binding = 4, std430) buffer Throughputs { vec4 rgba[]; } throughputs;            // throughput, with MIS sky_density
+layout(set = 1, binding = 2, std430) buffer RayOrigins { uvec4 words[]; } ray_origins;        // origin, primitive that the ray leaves
+layout(set = 1, binding = 3, std430) buffer RayDirections { uvec4 words[]; } ray_directions;  // direction, sees_emission or with MIS pdf; with HALF_STATE as pack_path has it
+layout(set = 1, binding = 4, std430) buffer Throughputs { vec4 rgba[]; } throughputs;            // throughput, with MIS sky_pdf
 layout(set = 1, binding = 5, std430) buffer Radiances { vec4 rgb[]; } radiances;
-layout(set = 1, binding = 6, std430) buffer Hits { uvec4 words[]; } hits;                     // triangle, barycentrics, distance
-layout(set = 1, binding = 7, std430) buffer ShadowOrigins { uvec4 words[]; } shadow_origins;        // origin, triangle left
-layout(set = 1, binding = 8, std430) buffer ShadowDirections { uvec4 words[]; } shadow_directions;  // direction, light triangle
+layout(set = 1, binding = 6, std430) buffer Hits { uvec4 words[]; } hits;                     // primitive, barycentrics, distance
+layout(set = 1, binding = 7, std430) buffer ShadowOrigins { uvec4 words[]; } shadow_origins;        // origin, primitive that the ray leaves
+layout(set = 1, binding = 8, std430) buffer ShadowDirections { uvec4 words[]; } shadow_directions;  // direction, primitive that it aims at
 layout(set = 1, binding = 9, std430) buffer ShadowRadiances { uvec4 words[]; } shadow_radiances;    // radiance, path slot
 
 // Compensated sums over the samples of a pixel: value = sum + compensation.

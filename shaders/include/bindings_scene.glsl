@@ -6,14 +6,14 @@
 #ifndef BINDINGS_SCENE_GLSL
 #define BINDINGS_SCENE_GLSL
 
-// Uniform over a render. Lengths are in normalised scene units, radiance in the scene's.
+// Uniform over a render. Lengths are in normalised units, radiance is the scene's times its radiance_scale.
 layout(set = 0, binding = 0, std140) uniform Frame {
     vec3 camera_eye;            // or, of a camera far away, the point of its view axis where rays start
     float lens_radius;
     vec3 camera_right;          // from the image centre to its right edge, at distance 1
     float focus_distance;       // along the view axis
     vec3 camera_up;             // from the image centre to its top edge, at distance 1
-    float roulette;             // q
+    float roulette;             // q, the probability that constant Russian roulette ends a path
     vec3 camera_forward;        // unit
     uint max_bounces;           // or UNBOUNDED
     vec3 environment_radiance;  // of a constant environment
@@ -26,8 +26,8 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     uint environment_height;
     uint path_capacity;         // path slots, and entries of each half of the ray queue
     uint environment;           // one of ENVIRONMENT_BLACK, _CONSTANT, _LAT_LONG
-    float radiance_clamp;       // most that indirect light brings by one vertex
-    uint roulette_from;         // vertex from which throughput decides
+    float radiance_clamp;       // the most that one vertex adds of indirect light
+    uint roulette_from;         // first vertex with Russian roulette by throughput
     float camera_distance;      // from the pinhole to camera_eye, along the view axis; 0 unless the scene is far
 } frame;
 
@@ -41,6 +41,7 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     WORD fetch_##NAME(uint index) { return NAME.words[index]; }
 #endif
 
+// Read through records.glsl only.
 SCENE_BUFFER(1, nodes, uvec4, xyzw)                // NODE_TEXELS a node
 SCENE_BUFFER(2, triangles, uvec4, xyzw)            // TRIANGLE_TEXELS a triangle, in leaf order
 SCENE_BUFFER(3, materials, uvec4, xyzw)            // MATERIAL_TEXELS a material

@@ -18,17 +18,17 @@ Hit trace_closest(Ray ray) {
     return hit;
 }
 
-// Whether anything but the triangle `target` lies on the ray nearer than `limit`.
-bool trace_any(Ray ray, uint target, float limit) {
-    bool blocked;
+// Whether the ray is occluded: anything but `target` lies on it nearer than `t_max`.
+bool trace_any(Ray ray, Primitive target, float t_max) {
+    bool occluded;
     if (BVH_WIDTH == 1u) {
-        blocked = trace_any_listed(ray, target, limit);
+        occluded = trace_any_listed(ray, target, t_max);
     } else if (BVH_WIDTH == 2u) {
-        blocked = trace_any_binary(ray, target, limit);
+        occluded = trace_any_binary(ray, target, t_max);
     } else {
-        blocked = trace_any_wide(ray, target, limit);
+        occluded = trace_any_wide(ray, target, t_max);
     }
-    return blocked;
+    return occluded;
 }
 
 #endif

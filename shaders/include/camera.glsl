@@ -10,8 +10,8 @@ Ray camera_ray(uint pixel, vec4 u) {
     vec3 across = (2.0 * position.x - 1.0) * frame.camera_right + (1.0 - 2.0 * position.y) * frame.camera_up;
     vec3 direction = frame.camera_forward + across;
     vec3 origin = frame.camera_eye;
-    // From afar: where the ray crosses a plane in front of the scene. The pinhole has more digits before
-    // the point than the scene has behind it, and so would every hit.
+    // A camera far away: the ray starts where it crosses a plane in front of the scene. The pinhole's coordinates are so
+    // large that they have fewer digits behind the point than the scene's, and so would every hit.
     if (HAS_DISTANCE) {
         origin += frame.camera_distance * across;
     }
@@ -21,7 +21,7 @@ Ray camera_ray(uint pixel, vec4 u) {
         direction = frame.focus_distance * direction - shift;
         origin += HAS_DISTANCE ? shift * (1.0 - frame.camera_distance / frame.focus_distance) : shift;
     }
-    return Ray(origin, normalize(direction), NO_TRIANGLE);
+    return Ray(origin, normalize(direction), no_primitive());
 }
 
 #endif

@@ -4,10 +4,10 @@
 #include "bindings_scene.glsl"
 #include "bindings_path.glsl"
 
-// Tells the host. Call it last: where a driver leaves all loops after so many turns, it leaves this
-// one too early. The sum tells, since compilers take a loop's own condition to hold when it ends.
-// The turns are not uniform: loops whose turns are make lavapipe compile the kernel for every launch.
-void tell_cut_loops() {
+// Reports it to the host. Call it last: a driver that leaves all loops after some number of turns leaves this one too
+// early. The sum shows it, since compilers take a loop's own condition to hold when it ends. The number of turns is not
+// uniform: uniform ones make lavapipe compile the kernel for every launch.
+void report_cut_loops() {
     uint turns = (gl_LocalInvocationIndex & 1u) + 2u;
     uint sum = 0u;
     for (uint turn = 1u; turn <= turns; turn++) {

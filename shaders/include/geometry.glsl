@@ -1,32 +1,34 @@
 // Rays, hits and the surface at a hit.
 #ifndef GEOMETRY_GLSL
 #define GEOMETRY_GLSL
-#include "specialization.glsl"
-#include "bindings_scene.glsl"
+#include "records.glsl"
 
 // The distance of nothing: the largest finite number.
 const float FARTHEST = 3.402823466e38;
 // Below this numbers are subnormal.
 const float SMALLEST_NORMAL = 1.17549435e-38;
 
+// What a ray can hit.
+struct Primitive {
+    uint triangle;  // its place in leaf order, or NO_TRIANGLE
+};
+
+Primitive no_primitive() { return Primitive(NO_TRIANGLE); }
+
+bool same_primitive(Primitive a, Primitive b) { return a.triangle == b.triangle; }
+
+bool is_none(Primitive primitive) { return same_primitive(primitive, no_primitive()); }
+
 struct Ray {
     vec3 origin;
     vec3 direction;
-    uint leaves;  // triangle that the origin lies on, which the ray cannot hit; or NO_TRIANGLE
+    Primitive leaves;  // that the origin lies on, which the ray cannot hit; or none
 };
 
 struct Hit {
-    uint triangle;      // or NO_TRIANGLE
-    vec2 barycentrics;  // weights of the second and third vertex
-    float distance;     // in lengths of the ray's direction
-};
-
-struct Triangle {
-    vec3 v0;
-    vec3 v1;
-    vec3 v2;
-    uint material;
-    uint original;  // index in the scene's order
+    Primitive primitive;  // or none
+    vec2 barycentrics;    // weights of the second and third vertex
+    float distance;       // in lengths of the ray's direction
 };
 
 struct Surface {
@@ -35,19 +37,9 @@ struct Surface {
     vec3 geometric_normal;  // unit, out of the front side
     vec3 shading_normal;    // unit, on the same side
     vec2 uv;
-    uint triangle;
+    Primitive primitive;
     uint material;
 };
-
-Triangle fetch_triangle(uint index) {
-    uvec4 a = fetch_triangles(TRIANGLE_TEXELS * index);
-    uvec4 b = fetch_triangles(TRIANGLE_TEXELS * index + 1u);
-    uvec4 c = fetch_triangles(TRIANGLE_TEXELS * index + 2u);
-    return Triangle(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(c.xyz), b.w, a.w);
-}
-
-// Area of an emitting triangle over the probability that light sampling picks it; 0 of any other.
-float fetch_light_area(uint index) { return uintBitsToFloat(fetch_triangles(TRIANGLE_TEXELS * index + 2u).w); }
 
 // A bound of n roundings. (Pharr, Jakob and Humphreys, Physically Based Rendering, 6.8)
 float rounding_bound(float n) { return n * 5.9604645e-8 / (1.0 - n * 5.9604645e-8); }
@@ -74,51 +66,48 @@ vec3 offset_from_plane(vec3 position, vec3 error, vec3 normal) {
     return position + offset * normal;
 }
 
-// A ray that leaves the surface to whichever side its direction points. Far enough off its plane it need
-// not remember the triangle.
-Ray leave(Surface surface, vec3 direction) {
-    vec3 side = dot(surface.geometric_normal, direction) < 0.0 ? -surface.geometric_normal : surface.geometric_normal;
-    uint triangle = FIXED_OFFSETS ? NO_TRIANGLE : surface.triangle;
-    return Ray(offset_from_plane(surface.position, surface.position_error, side), direction, triangle);
-}
+// The side of the surface that `direction` leaves to: +1 front, -1 back.
+float side_of(Surface surface, vec3 direction) { return dot(surface.geometric_normal, direction) < 0.0 ? -1.0 : 1.0; }
 
-// Decodes a unit vector. (Cigolle et al. 2014, octahedral, 16 bits a coordinate)
-vec3 decode_normal(uint bits) {
-    vec2 p = unpackSnorm2x16(bits);
-    vec3 n = vec3(p, 1.0 - abs(p.x) - abs(p.y));
-    float fold = max(-n.z, 0.0);
-    n.x += n.x >= 0.0 ? -fold : fold;
-    n.y += n.y >= 0.0 ? -fold : fold;
-    return normalize(n);
+// The shading normal on the side that `direction` leaves to.
+vec3 normal_towards(Surface surface, vec3 direction) { return surface.shading_normal * side_of(surface, direction); }
+
+// A ray that leaves the surface to whichever side its direction points. A fixed offset takes it far enough off its plane
+// that it need not remember the primitive.
+Ray spawn_ray(Surface surface, vec3 direction) {
+    vec3 side = dot(surface.geometric_normal, direction) < 0.0 ? -surface.geometric_normal : surface.geometric_normal;
+    Primitive leaves = surface.primitive;
+    if (FIXED_OFFSETS) {
+        leaves = no_primitive();
+    }
+    return Ray(offset_from_plane(surface.position, surface.position_error, side), direction, leaves);
 }
 
 vec3 geometric_normal(Triangle t) { return normalize(cross(t.v1 - t.v0, t.v2 - t.v0)); }
 
 Surface surface_at(Hit hit) {
-    Triangle t = fetch_triangle(hit.triangle);
+    Triangle t = fetch_triangle(hit.primitive.triangle);
     Surface surface;
     surface.position = interpolate_position(t, hit.barycentrics, surface.position_error);
     surface.geometric_normal = geometric_normal(t);
     surface.shading_normal = surface.geometric_normal;
     surface.uv = vec2(0.0);
-    surface.triangle = hit.triangle;
+    surface.primitive = hit.primitive;
     surface.material = t.material;
     vec3 weights = vec3(1.0 - hit.barycentrics.x - hit.barycentrics.y, hit.barycentrics);
     if (HAS_NORMALS) {
-        uvec4 corners = fetch_normals(t.original);
-        vec3 n = weights.x * decode_normal(corners.x) + weights.y * decode_normal(corners.y)
-            + weights.z * decode_normal(corners.z);
-        // Opposite corner normals can cancel; geometry decides sides.
+        Normals normals = fetch_corner_normals(t.original);
+        vec3 n = weights.x * normals.a + weights.y * normals.b + weights.z * normals.c;
+        // Normals of opposite corners can cancel. The geometric normal says which side is which.
         float len = length(n);
-        if (corners.w != 0u && len > 1e-6) {
+        if (normals.present && len > 1e-6) {
             n *= 1.0 / len;
             surface.shading_normal = dot(n, surface.geometric_normal) < 0.0 ? -n : n;
         }
     }
     if (HAS_TEXTURES) {
-        surface.uv = weights.x * uintBitsToFloat(fetch_texture_coordinates(3u * t.original))
-            + weights.y * uintBitsToFloat(fetch_texture_coordinates(3u * t.original + 1u))
-            + weights.z * uintBitsToFloat(fetch_texture_coordinates(3u * t.original + 2u));
+        surface.uv = weights.x * fetch_corner_uv(t.original, 0u) + weights.y * fetch_corner_uv(t.original, 1u)
+            + weights.z * fetch_corner_uv(t.original, 2u);
     }
     return surface;
 }

@@ -32,10 +32,10 @@ vec3 to_ray_space(RaySpace space, vec3 origin, vec3 vertex) {
 }
 
 // Orders hits in one unsigned comparison: what lies behind the origin or at it, and NaN, comes after
-// every distance in front. Comparisons are dear on software devices, arithmetic on bits is not.
+// every distance in front. Comparisons are expensive on software devices, arithmetic on bits is not.
 uint nearness(float distance) { return floatBitsToUint(distance) - 1u; }
 
-// The highest bit tells whether the number is below zero, which -0 is not.
+// The highest bit says whether the number is below zero, which -0 is not.
 uint below_zero(uint bits) { return bits & (bits - 1u); }
 
 // Intersects one triangle and yields the nearness of the hit, or a number with its highest bit set.
@@ -52,7 +52,7 @@ uint intersect_triangle(vec3 origin, RaySpace space, Triangle t, out float dista
     float inverse = 1.0 / determinant;
     distance = (u * a.z + v * b.z + w * c.z) * (inverse * space.shear.z);
     barycentrics = vec2(v, w) * inverse;
-    // Inside, all three have the sign of their sum. Where it is zero the distance is no number.
+    // Inside, all three have the sign of their sum. Where the sum is zero the distance is NaN.
     uint sign = floatBitsToUint(determinant) & 0x80000000u;
     uint outside = below_zero(floatBitsToUint(u) ^ sign) | below_zero(floatBitsToUint(v) ^ sign)
         | below_zero(floatBitsToUint(w) ^ sign);
@@ -65,34 +65,35 @@ struct Nearest {
     uint original;  // the triangle's index in the scene's order
 };
 
-Nearest nothing() { return Nearest(Hit(NO_TRIANGLE, vec2(0.0), FARTHEST), NO_TRIANGLE); }
+Nearest no_nearest() { return Nearest(Hit(no_primitive(), vec2(0.0), FARTHEST), NO_TRIANGLE); }
 
-// Makes `t`, at place `triangle`, the nearest hit if it is nearer, or as near and `wins_ties`.
-void meet_triangle(uint triangle, Triangle t, bool wins_ties, Ray ray, RaySpace space, inout Nearest nearest) {
+// Makes the primitive, whose triangle is `t`, the nearest hit if it is nearer, or as near and `wins_ties`.
+void hit_triangle(Primitive primitive, Triangle t, bool wins_ties, Ray ray, RaySpace space, inout Nearest nearest) {
     count_triangle();
     float distance;
     vec2 barycentrics;
-    uint met = intersect_triangle(ray.origin, space, t, distance, barycentrics);
+    uint found = intersect_triangle(ray.origin, space, t, distance, barycentrics);
     uint limit = nearness(nearest.hit.distance) + (wins_ties ? 1u : 0u);
-    if (met < limit && (FIXED_OFFSETS || triangle != ray.leaves)) {
-        nearest = Nearest(Hit(triangle, barycentrics, distance), t.original);
+    if (found < limit && (FIXED_OFFSETS || !same_primitive(primitive, ray.leaves))) {
+        nearest = Nearest(Hit(primitive, barycentrics, distance), t.original);
     }
 }
 
-// As above, of the triangle at that place. Among equal distances the one that the scene lists first
-// wins, so that the answer does not depend on the order of the walk.
-void meet_triangle(uint triangle, Ray ray, RaySpace space, inout Nearest nearest) {
-    Triangle t = fetch_triangle(triangle);
-    meet_triangle(triangle, t, t.original < nearest.original, ray, space, nearest);
+// The same of a primitive in memory. Among equal distances the one that the scene lists first wins, so that the answer
+// does not depend on the order of traversal.
+void hit_triangle(Primitive primitive, Ray ray, RaySpace space, inout Nearest nearest) {
+    Triangle t = fetch_triangle(primitive.triangle);
+    hit_triangle(primitive, t, t.original < nearest.original, ray, space, nearest);
 }
 
-// Whether `t`, at place `triangle`, lies on the ray nearer than `limit` and is not `target`.
-bool blocks(uint triangle, Triangle t, Ray ray, RaySpace space, uint target, float limit) {
+// Whether the primitive, whose triangle is `t`, lies on the ray nearer than `t_max` and is not `target`.
+bool occludes(Primitive primitive, Triangle t, Ray ray, RaySpace space, Primitive target, float t_max) {
     count_triangle();
     float distance;
     vec2 barycentrics;
-    uint met = intersect_triangle(ray.origin, space, t, distance, barycentrics);
-    return met < nearness(limit) && (FIXED_OFFSETS || (triangle != ray.leaves && triangle != target));
+    uint found = intersect_triangle(ray.origin, space, t, distance, barycentrics);
+    bool counts = FIXED_OFFSETS || (!same_primitive(primitive, ray.leaves) && !same_primitive(primitive, target));
+    return found < nearness(t_max) && counts;
 }
 
 #endif

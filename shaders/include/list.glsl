@@ -1,4 +1,4 @@
-// Traversal without a tree: the ray meets every triangle of a short list.
+// Traversal without a tree: the ray is intersected with every triangle of a short list.
 //
 // The triangles are constants of the kernel and the loop over them is unrolled. So nothing is fetched,
 // no lane waits for another, and what several triangles share, such as a vertex in the ray's space, is
@@ -15,21 +15,21 @@
 Hit trace_closest_listed(Ray ray) {
     vec3 vertices[3u * LISTED_TRIANGLES] = LISTED_VERTICES;
     RaySpace space = ray_space(ray.direction);
-    Nearest nearest = nothing();
+    Nearest nearest = no_nearest();
     [[unroll]] for (uint i = 0u; i < LISTED_COUNT; i++) {
-        meet_triangle(i, LISTED_TRIANGLE(i), false, ray, space, nearest);
+        hit_triangle(Primitive(i), LISTED_TRIANGLE(i), false, ray, space, nearest);
     }
     return nearest.hit;
 }
 
-bool trace_any_listed(Ray ray, uint target, float limit) {
+bool trace_any_listed(Ray ray, Primitive target, float t_max) {
     vec3 vertices[3u * LISTED_TRIANGLES] = LISTED_VERTICES;
     RaySpace space = ray_space(ray.direction);
-    bool blocked = false;
+    bool occluded = false;
     [[unroll]] for (uint i = 0u; i < LISTED_COUNT; i++) {
-        blocked = blocks(i, LISTED_TRIANGLE(i), ray, space, target, limit) || blocked;
+        occluded = occludes(Primitive(i), LISTED_TRIANGLE(i), ray, space, target, t_max) || occluded;
     }
-    return blocked;
+    return occluded;
 }
 
 #endif

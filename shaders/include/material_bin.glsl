@@ -5,10 +5,9 @@
 
 uint material_bin(Hit hit) {
     uint bin = 0u;
-    if (hit.triangle != NO_TRIANGLE) {
-        uint material = fetch_triangles(TRIANGLE_TEXELS * hit.triangle + 1u).w;
-        uint surface = fetch_materials(MATERIAL_TEXELS * material).w;
-        bin = 1u + (MATERIAL_BRANCHES > 1u ? material_branch(hit.triangle) : surface);
+    if (!is_none(hit.primitive)) {
+        uint surface = material_surface(triangle_material(hit.primitive.triangle));
+        bin = 1u + (MATERIAL_BRANCHES > 1u ? material_branch(hit.primitive) : surface);
     }
     return bin;
 }

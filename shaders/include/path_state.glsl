@@ -18,13 +18,13 @@ vec3 unpack_direction(uvec4 words) {
 }
 
 // What the words of ray_directions hold of a path with HALF_STATE: 48 bits of direction, the throughput in
-// three halves, and two more: its densities with MIS, or whether light that the ray finds counts.
+// three halves, and two more: its pdfs with MIS, or whether emission that the ray finds counts.
 uvec4 pack_path(Path path) {
     uvec3 random = dither(path.ray.origin);
     vec3 throughput = round_to_halves(path.throughput, random);
     vec3 others = vec3(path.sees_emission ? 1.0 : 0.0, 0.0, 0.0);
     if (MIS) {
-        others = round_to_halves(vec3(path.density, path.sky_density, 0.0), random.yzx);
+        others = round_to_halves(vec3(path.pdf, path.sky_pdf, 0.0), random.yzx);
     }
     uvec4 words = uvec4(encode_direction(path.ray.direction), packHalf2x16(throughput.xy), packHalf2x16(vec2(throughput.z, others.x)));
     words.y |= packHalf2x16(vec2(0.0, others.y));
@@ -36,13 +36,13 @@ void unpack_path(uvec4 words, inout Path path) {
     path.ray.direction = unpack_direction(words);
     path.throughput = vec3(unpackHalf2x16(words.z), rest.x);
     path.sees_emission = MIS || rest.y != 0.0;
-    // The largest half stands for all densities that are no smaller: nothing else can find that direction.
-    path.density = MIS && rest.y < LARGEST_HALF ? max(rest.y, SMALLEST_HALF) : ONE_DIRECTION;
-    path.sky_density = unpackHalf2x16(words.y).y;
+    // The largest half stands for every pdf that is no smaller: no other strategy can find that direction.
+    path.pdf = MIS && rest.y < LARGEST_HALF ? max(rest.y, SMALLEST_HALF) : ONE_DIRECTION;
+    path.sky_pdf = unpackHalf2x16(words.y).y;
 }
 
-// The path as memory would keep it, for a scheduler that keeps it in registers.
-Path kept(Path path) {
+// The path as it would come back from memory, for a scheduler that keeps it in registers.
+Path rounded_path(Path path) {
     if (HALF_STATE) {
         unpack_path(pack_path(path), path);
     }
@@ -51,7 +51,7 @@ Path kept(Path path) {
 
 Ray load_ray(uint slot) {
     uvec4 origin = ray_origins.words[slot];
-    return Ray(uintBitsToFloat(origin.xyz), unpack_direction(ray_directions.words[slot]), origin.w);
+    return Ray(uintBitsToFloat(origin.xyz), unpack_direction(ray_directions.words[slot]), Primitive(origin.w));
 }
 
 Path load_path(uint slot) {
@@ -61,37 +61,37 @@ Path load_path(uint slot) {
         unpack_path(words, path);
     } else {
         path.sees_emission = MIS || words.w != 0u;
-        path.density = MIS ? uintBitsToFloat(words.w) : ONE_DIRECTION;
+        path.pdf = MIS ? uintBitsToFloat(words.w) : ONE_DIRECTION;
         // Where nothing scatters, every ray is the camera's.
         if (SCATTERS) {
             vec4 throughput = throughputs.rgba[slot];
             path.throughput = throughput.rgb;
-            path.sky_density = throughput.a;
+            path.sky_pdf = throughput.a;
         }
     }
     return path;
 }
 
 void store_path(uint slot, Path path) {
-    ray_origins.words[slot] = uvec4(floatBitsToUint(path.ray.origin), path.ray.leaves);
+    ray_origins.words[slot] = uvec4(floatBitsToUint(path.ray.origin), path.ray.leaves.triangle);
     if (HALF_STATE) {
         ray_directions.words[slot] = pack_path(path);
     } else {
-        uint word = MIS ? floatBitsToUint(path.density) : path.sees_emission ? 1u : 0u;
+        uint word = MIS ? floatBitsToUint(path.pdf) : path.sees_emission ? 1u : 0u;
         ray_directions.words[slot] = uvec4(floatBitsToUint(path.ray.direction), word);
         if (SCATTERS) {
-            throughputs.rgba[slot] = vec4(path.throughput, MIS ? path.sky_density : 0.0);
+            throughputs.rgba[slot] = vec4(path.throughput, MIS ? path.sky_pdf : 0.0);
         }
     }
 }
 
 Hit load_hit(uint slot) {
     uvec4 bits = hits.words[slot];
-    return Hit(bits.x, uintBitsToFloat(bits.yz), uintBitsToFloat(bits.w));
+    return Hit(Primitive(bits.x), uintBitsToFloat(bits.yz), uintBitsToFloat(bits.w));
 }
 
 void store_hit(uint slot, Hit hit) {
-    hits.words[slot] = uvec4(hit.triangle, floatBitsToUint(hit.barycentrics), floatBitsToUint(hit.distance));
+    hits.words[slot] = uvec4(hit.primitive.triangle, floatBitsToUint(hit.barycentrics), floatBitsToUint(hit.distance));
 }
 
 ShadowRay load_shadow_ray(uint place, out uint slot) {
@@ -99,13 +99,13 @@ ShadowRay load_shadow_ray(uint place, out uint slot) {
     uvec4 direction = shadow_directions.words[place];
     uvec4 radiance = shadow_radiances.words[place];
     slot = radiance.w;
-    Ray ray = Ray(uintBitsToFloat(origin.xyz), uintBitsToFloat(direction.xyz), origin.w);
-    return ShadowRay(ray, direction.w, uintBitsToFloat(radiance.xyz));
+    Ray ray = Ray(uintBitsToFloat(origin.xyz), uintBitsToFloat(direction.xyz), Primitive(origin.w));
+    return ShadowRay(ray, Primitive(direction.w), uintBitsToFloat(radiance.xyz));
 }
 
 void store_shadow_ray(uint place, uint slot, ShadowRay shadow) {
-    shadow_origins.words[place] = uvec4(floatBitsToUint(shadow.ray.origin), shadow.ray.leaves);
-    shadow_directions.words[place] = uvec4(floatBitsToUint(shadow.ray.direction), shadow.light);
+    shadow_origins.words[place] = uvec4(floatBitsToUint(shadow.ray.origin), shadow.ray.leaves.triangle);
+    shadow_directions.words[place] = uvec4(floatBitsToUint(shadow.ray.direction), shadow.light.triangle);
     shadow_radiances.words[place] = uvec4(floatBitsToUint(shadow.radiance), slot);
 }
 

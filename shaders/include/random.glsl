@@ -1,4 +1,4 @@
-// Random numbers keyed by what is sampled, never by who samples: pixel, sample, dimension, seed.
+// Pseudo-random numbers keyed by what is sampled, never by who samples: pixel, sample, dimension, seed.
 #ifndef RANDOM_GLSL
 #define RANDOM_GLSL
 #include "specialization.glsl"
@@ -67,8 +67,8 @@ uvec4 sobol4(uint pixel, uint sample_index, uint block, uint seed) {
     return uvec4(sobol_pair(reversed_index, a.x, a.y, a.z), sobol_pair(reversed_index, b.x, b.y, b.z));
 }
 
-// Four uniform numbers in [0, 1), multiples of RANDOM_STEP. Of a Sobol sequence the first two and the last
-// two fill their square evenly over the samples of a pixel.
+// Four uniform numbers in [0, 1), multiples of RANDOM_STEP. With the Sobol sampler the first two and the last two are
+// stratified over the samples of a pixel.
 vec4 random4(uint pixel, uint sample_index, uint block, uint seed) {
     uvec4 bits;
     if (SOBOL) {
@@ -79,16 +79,17 @@ vec4 random4(uint pixel, uint sample_index, uint block, uint seed) {
     return vec4(bits >> 8u) * RANDOM_STEP;
 }
 
-// Whether a number in [0, 1) falls above the split. What is left of it is uniform again.
-bool falls_above(inout float u, float split) {
+// Chooses by a number in [0, 1): false below the split, true above it. The number is remapped to be uniform in [0, 1)
+// again, so that it can be used once more.
+bool split_sample(inout float u, float split) {
     bool above = u >= split;
     u = min(above ? (u - split) / (1.0 - split) : u / split, ONE_BELOW);
     return above;
 }
 
-// Which of `count` equal cells a number falls in. What is left of it is uniform again, with `digits` for
-// those that went into the choice.
-uint pick_cell(inout float u, uint count, float digits) {
+// Chooses one of `count` equal cells by a number in [0, 1). The number is remapped to be uniform in [0, 1) again, with
+// `digits` in place of those that the choice used up.
+uint split_sample_evenly(inout float u, uint count, float digits) {
     float at = u * float(count);
     uint cell = min(uint(at), count - 1u);
     u = min(at - float(cell) + digits * (float(count) * RANDOM_STEP), ONE_BELOW);

@@ -1,4 +1,4 @@
-// Warps from the unit square, each with its density.
+// Warps from the unit square, each with its pdf.
 #ifndef SAMPLING_GLSL
 #define SAMPLING_GLSL
 
@@ -32,21 +32,21 @@ vec3 around(vec3 axis, vec2 angle, float turns) {
     return tangent * across.x + bitangent * across.y + axis * angle.x;
 }
 
-// The cosine of a direction of density cos / pi over solid angle.
+// The cosine of a direction of pdf cos / pi over solid angle.
 float cosine_of(float u) { return sqrt(1.0 - u); }
 
-// Cosine and sine of the same of density (exponent + 1) / (2 pi) cos^exponent. Of narrow lobes the
-// cosine is 1 but for rounding, so both come from what it lacks.
+// Cosine and sine of a direction of pdf (exponent + 1) / (2 pi) cos^exponent over solid angle. In narrow lobes the cosine
+// rounds to 1, so both come from 1 - cosine.
 vec2 cosine_power_of(float exponent, float u) {
     float x = -log_of_rest(u) / (exponent + 1.0);
     float drop = x < 0.015625 ? x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0)))) : 1.0 - exponential(-x);
     return vec2(1.0 - drop, sqrt(drop * (2.0 - drop)));
 }
 
-// Density cos / pi over solid angle.
+// A direction of pdf cos / pi over solid angle.
 vec3 sample_cosine(vec3 n, vec2 u) { return around(n, vec2(cosine_of(u.x), sine_of(cosine_of(u.x))), u.y); }
 
-// Uniform over the unit disk. (Shirley and Chiu 1997)
+// Uniform over the unit disk, in polar coordinates.
 vec2 sample_disk(vec2 u) { return sqrt(u.x) * on_circle(u.y); }
 
 // Barycentrics of the second and third vertex, uniform over the triangle's area.

@@ -2,8 +2,8 @@
 // memory.
 //
 // A private array would be simpler, but software devices make every access to one a chain of
-// selects over all its elements: with 46 entries, traversal was 14 times slower. Memory is touched
-// in loops alone, because a loop that no lane enters costs nothing where an `if` would run masked.
+// selects over all its elements: with 46 entries, traversal was 14 times slower. Memory is accessed
+// only in loops, because a loop in which no lane is active costs nothing where an `if` would run masked.
 #ifndef STACK_GLSL
 #define STACK_GLSL
 #include "workgroup.glsl"
@@ -27,14 +27,14 @@ Stack empty_stack() { return Stack(uvec4(TRAVERSAL_DONE), uvec4(TRAVERSAL_DONE),
 
 uint block_place(uint block) { return block * gl_NumWorkGroups.x * gl_WorkGroupSize.x + gl_GlobalInvocationID.x; }
 
-// Whether the stack has no room for a push in registers, or nothing there for a pop while memory has something. In one
-// comparison, which are dear on software devices: where an entry is missing, the difference wraps.
+// Whether the stack has no room for a push in registers, or nothing there for a pop while memory has something. A single
+// comparison (they are expensive on software devices): the difference wraps where an entry is missing.
 bool is_unbalanced(Stack stack) {
     uint least = min(stack.blocks, 1u);
     return STACK_SPILLS && stack.count - least >= STACK_REGISTERS - least;
 }
 
-// Makes room for a push, and brings back what a pop will need.
+// Makes room for a push, and brings back from memory what a pop will need.
 void balance_stack(inout Stack stack) {
     while (STACK_SPILLS && stack.count == STACK_REGISTERS) {
         stack_blocks.entries[block_place(stack.blocks)] = stack.older;
@@ -48,22 +48,28 @@ void balance_stack(inout Stack stack) {
     }
 }
 
-// Pushes `entry` (a change of 1), pops the newest entry (-1), or does neither (0), and yields what was the newest. The
-// stack is balanced before.
-uint update_stack(inout Stack stack, int change, uint entry) {
+// Pushes an entry if `pushes`. The stack is balanced before.
+void push_if(bool pushes, uint entry, inout Stack stack) {
     if (STACK_SPILLS) {
-        stack.count = uint(max(int(stack.count) + change, 0));
+        stack.count += uint(pushes);
     }
-    bool pushes = change > 0;
-    bool pops = change < 0;
-    uint popped = stack.newer.x;
-    uvec4 pushed_newer = uvec4(entry, stack.newer.xyz);
-    uvec4 pushed_older = uvec4(stack.newer.w, stack.older.xyz);
-    uvec4 popped_newer = uvec4(stack.newer.yzw, stack.older.x);
-    uvec4 popped_older = uvec4(stack.older.yzw, TRAVERSAL_DONE);
-    stack.newer = pushes ? pushed_newer : pops ? popped_newer : stack.newer;
-    stack.older = pushes ? pushed_older : pops ? popped_older : stack.older;
-    return popped;
+    uvec4 newer = uvec4(entry, stack.newer.xyz);
+    uvec4 older = uvec4(stack.newer.w, stack.older.xyz);
+    stack.newer = pushes ? newer : stack.newer;
+    stack.older = pushes ? older : stack.older;
+}
+
+// Yields the newest entry and pops it if `pops`. The stack is balanced before.
+uint pop_if(bool pops, inout Stack stack) {
+    uint newest = stack.newer.x;
+    if (STACK_SPILLS) {
+        stack.count -= min(stack.count, uint(pops));
+    }
+    uvec4 newer = uvec4(stack.newer.yzw, stack.older.x);
+    uvec4 older = uvec4(stack.older.yzw, TRAVERSAL_DONE);
+    stack.newer = pops ? newer : stack.newer;
+    stack.older = pops ? older : stack.older;
+    return newest;
 }
 
 #endif

@@ -1,8 +1,8 @@
-// What traversal and shading do, in numbers: in the counting variant alone, elsewhere these
-// functions are empty.
+// Counts what traversal and shading do. Only the counting edition does: elsewhere these functions are empty.
 #ifndef WORK_GLSL
 #define WORK_GLSL
 #include "constants.glsl"
+#include "subgroup.glsl"
 
 #ifdef COUNTING
 
@@ -22,7 +22,7 @@ uint work_nodes = 0u;
 uint work_triangles = 0u;
 uint work_steps = 0u;
 
-// Of the lanes that take a step together, one counts it.
+// Of the lanes that are active in a step, one counts it.
 void count_step() {
 #ifdef SUBGROUP_BALLOT
     work_steps += subgroupElect() ? 1u : 0u;
@@ -41,15 +41,15 @@ void count_triangle() {
 
 void count_vertex() { count_step(); }
 
-#define ADD_WIDE(TOTAL, MORE) { uint before = atomicAdd(TOTAL[0], MORE); if (before + MORE < before) atomicAdd(TOTAL[1], 1u); }
+#define ATOMIC_ADD_WIDE(TOTAL, MORE) { uint before = atomicAdd(TOTAL[0], MORE); if (before + MORE < before) atomicAdd(TOTAL[1], 1u); }
 
 // Ends an item: adds its counts to its stage and starts anew.
 void count_item(uint stage, uint bounce) {
     uint index = STAGES * min(bounce, COUNTED_BOUNCES - 1u) + stage;
-    ADD_WIDE(work_counts.stages[index].items, 1u)
-    ADD_WIDE(work_counts.stages[index].nodes, work_nodes)
-    ADD_WIDE(work_counts.stages[index].triangles, work_triangles)
-    ADD_WIDE(work_counts.stages[index].steps, work_steps)
+    ATOMIC_ADD_WIDE(work_counts.stages[index].items, 1u)
+    ATOMIC_ADD_WIDE(work_counts.stages[index].nodes, work_nodes)
+    ATOMIC_ADD_WIDE(work_counts.stages[index].triangles, work_triangles)
+    ATOMIC_ADD_WIDE(work_counts.stages[index].steps, work_steps)
     work_nodes = 0u;
     work_triangles = 0u;
     work_steps = 0u;

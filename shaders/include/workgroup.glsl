@@ -2,8 +2,8 @@
 // gl_WorkGroupSize is 1.
 #ifndef WORKGROUP_GLSL
 #define WORKGROUP_GLSL
-#include "constants.glsl"
+#include "specialization.glsl"
 
-layout(local_size_x_id = SPEC_WORKGROUP_SIZE) in;
+layout(local_size_x_id = WORKGROUP_SIZE_ID) in;
 
 #endif

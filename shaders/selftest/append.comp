@@ -2,10 +2,6 @@
 // Threads: one an invocation. Writes: answers.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#ifdef SUBGROUP_BALLOT
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#endif
 #define CONTROL_ACCESS
 #include "wander.glsl"
 #include "append.glsl"

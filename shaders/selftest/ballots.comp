@@ -3,12 +3,7 @@
 // Threads: one an invocation. Writes: answers.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#ifdef SUBGROUP_BALLOT
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#extension GL_KHR_shader_subgroup_vote : require
-#extension GL_KHR_shader_subgroup_arithmetic : require
-#endif
+#include "subgroup.glsl"
 #include "wander.glsl"
 
 struct Answer {

@@ -2,12 +2,6 @@
 // Threads: one for sample_count rays. Reads: scene. Writes: answers.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#ifdef SUBGROUP_BALLOT
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#extension GL_KHR_shader_subgroup_vote : require
-#extension GL_KHR_shader_subgroup_arithmetic : require
-#endif
 #include "check.glsl"
 #include "bvh.glsl"
 
@@ -39,7 +33,7 @@ Ray ray_of(uint number, uint triangle_count) {
         origin = vec3(0.0);
         target = (number & 4u) == 0u ? t.v0 : 0.5 * (t.v0 + t.v1);
     }
-    return Ray(origin, target - origin, NO_TRIANGLE);
+    return Ray(origin, target - origin, no_primitive());
 }
 
 void main() {
@@ -49,12 +43,12 @@ void main() {
             // Neighbours take neighbouring rays.
             uint number = i * batch.pixel_count + invocation;
             Hit hit = trace_closest(ray_of(number, batch.first_pixel));
-            if (hit.triangle == NO_TRIANGLE) {
+            if (is_none(hit.primitive)) {
                 atomicAdd(answers.lost, 1u);
                 atomicMax(answers.example, ~number);
             }
             if (number < batch.first_sample) {
-                answers.hits[number] = uvec4(hit.triangle, floatBitsToUint(hit.barycentrics), floatBitsToUint(hit.distance));
+                answers.hits[number] = uvec4(hit.primitive.triangle, floatBitsToUint(hit.barycentrics), floatBitsToUint(hit.distance));
             }
         }
     }

@@ -97,7 +97,7 @@ const LIMIT_SLACK: f32 = 1.0 + 1.0 / 65_536.0;
 const LIMIT_MARGIN: f32 = 1.0 / 16_384.0;
 
 /// As in `slab.glsl`.
-fn reach_of(limit: f32, inverse: Vec3) -> f32 {
+fn box_t_max(limit: f32, inverse: Vec3) -> f32 {
     limit * LIMIT_SLACK + LIMIT_MARGIN * inverse.abs().min_element()
 }
 
@@ -150,7 +150,7 @@ fn walk_binary(
         }
         work.nodes += 1;
         let Node { left_low, left, left_high, right_low, right, right_high, .. } = nodes[reference as usize];
-        let reach = reach_of(limit, inverse);
+        let reach = box_t_max(limit, inverse);
         let enter_left = enter_box(left_low, left_high, ray.origin, inverse, reach);
         let enter_right = enter_box(right_low, right_high, ray.origin, inverse, reach);
         match (enter_left, enter_right) {
@@ -184,7 +184,7 @@ fn walk_wide(
     let mut work = Work::default();
     while let Some(node) = next {
         work.nodes += 1;
-        let (inner, triangles) = meet_children(bvh, node, ray.origin, inverse, octant, reach_of(limit, inverse));
+        let (inner, triangles) = enter_children(bvh, node, ray.origin, inverse, octant, box_t_max(limit, inverse));
         if inner != 0 {
             stack.push((bvh.wide_node(node)[1][0] >> 8, inner));
         }
@@ -213,7 +213,7 @@ fn walk_wide(
 }
 
 /// Inner children that the ray meets, and triangles of leaves that it meets.
-fn meet_children(bvh: &Bvh, node: u32, origin: Vec3, inverse: Vec3, octant: u32, reach: f32) -> (u32, Vec<u32>) {
+fn enter_children(bvh: &Bvh, node: u32, origin: Vec3, inverse: Vec3, octant: u32, reach: f32) -> (u32, Vec<u32>) {
     let words = bvh.wide_node(node).as_flattened();
     let bytes = |word: usize| words[word].to_le_bytes();
     let step = Vec3::from_array(std::array::from_fn(|axis| f32::from_bits(u32::from(bytes(3)[axis]) << 23)));

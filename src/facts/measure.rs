@@ -5,7 +5,7 @@ use std::time::Instant;
 use bytemuck::{Pod, Zeroable};
 
 use super::{Facts, MOST_TURNS};
-use crate::constants::{NODE_TEXELS, SPEC_COUNT, SPEC_WORKGROUP_SIZE};
+use crate::constants::{NODE_TEXELS, Specialization};
 use crate::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription, GpuError};
 use crate::layout::Batch;
 use crate::recording::Recording;
@@ -47,8 +47,7 @@ pub fn measure(device: &Device) -> Result<Facts, GpuError> {
     let operands = operands(&mut random);
 
     let workgroup_size = 1 << description.max_workgroup_size.min(256).ilog2();
-    let mut specialization = vec![0; SPEC_COUNT as usize];
-    specialization[SPEC_WORKGROUP_SIZE as usize] = workgroup_size;
+    let specialization = Specialization { workgroup_size, ..Specialization::DEFAULT }.words();
     let filled = |name, usage, contents| BufferRole {
         name,
         usage,

@@ -7,7 +7,6 @@ use super::defaults::Defaults;
 use super::plan::Plan;
 use super::prepare::{Needs, PreparedScene};
 use super::session::{kernels, path_records};
-use crate::bvh::BvhKind;
 use crate::constants::*;
 use crate::scene::{Integrator, Sampler};
 use crate::settings::{RouletteMode, Scheduler, Settings};
@@ -54,10 +53,7 @@ impl Footprint {
         let paths_per_invocation = settings.paths_per_invocation.unwrap_or(1);
         let workgroup_size = Defaults::WORKGROUP;
         let plan = Plan { width: 1, height: 1, tile_rows: 1, path_capacity: 1, workgroup_size, paths_per_invocation };
-        let mut constants = needs.specialization(settings, &plan, scene.bvh.kind);
-        if scene.bvh.kind == BvhKind::List {
-            constants[SPEC_LISTED_COUNT as usize] = scene.triangles.len() as u32;
-        }
+        let constants = needs.specialization(settings, &plan, &scene.bvh).words();
         let build = Build {
             constants: &constants,
             arithmetic: Arithmetic::Native,
@@ -123,8 +119,8 @@ const FEATURES: [Feature; 19] = [
         |s| s.needs.features.environment == ENVIRONMENT_LAT_LONG,
         |s, on| set_environment(s, ENVIRONMENT_LAT_LONG, on),
     ),
-    flag!("diffuse surfaces", glossy),
-    flag!("Phong lobes", phong),
+    flag!("diffuse surfaces", phong),
+    flag!("Phong lobes", phong_lobes),
     flag!("mirrors", mirror),
     flag!("refraction", refractive),
     flag!("Fresnel glass", dielectric),

@@ -1,10 +1,6 @@
 // Appends by lanes that left a loop at different turns, while others left the function before.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#ifdef SUBGROUP_BALLOT
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#endif
 #define CONTROL_ACCESS
 #include "probe.glsl"
 #include "append.glsl"

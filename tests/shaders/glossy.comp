@@ -1,4 +1,4 @@
-// The glossy BRDF: its value and density for a pair of directions, and a sample of it.
+// The Phong BRDF: its value and pdf for a pair of directions, and a sample of it.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "probe.glsl"
@@ -12,11 +12,10 @@ struct Answer {
 
 Answer probe(SurfaceQuery query) {
     Surface surface = surface_of(query);
-    Material material = fetch_material(surface.material, surface.uv);
-    float pdf;
-    vec3 value = evaluate_glossy(material, surface, query.wo.xyz, query.wi.xyz, pdf);
-    Scatter scatter = scatter_glossy(material, surface, query.wo.xyz, query.u.zw);
-    return Answer(vec4(value, pdf), vec4(scatter.direction, 0.0), vec4(scatter.weight, 0.0));
+    Material material = material_at(surface);
+    BsdfValue value = evaluate_bsdf(material, surface, query.wo.xyz, query.wi.xyz);
+    BsdfSample drawn = sample_bsdf(material, surface, query.wo.xyz, query.u.x, query.u.zw);
+    return Answer(vec4(value.f_cos, value.pdf), vec4(drawn.direction, 0.0), vec4(drawn.weight, 0.0));
 }
 
 PROBE(SurfaceQuery, Answer)

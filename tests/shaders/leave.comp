@@ -15,10 +15,10 @@ struct Answer {
 };
 
 Answer probe(Query query) {
-    Surface surface = surface_at(Hit(query.hit.x, uintBitsToFloat(query.hit.yz), 0.0));
-    Ray ray = leave(surface, query.direction.xyz);
+    Surface surface = surface_at(Hit(Primitive(query.hit.x), uintBitsToFloat(query.hit.yz), 0.0));
+    Ray ray = spawn_ray(surface, query.direction.xyz);
     Hit hit = trace_closest(ray);
-    return Answer(vec4(ray.origin, hit.distance), uvec4(hit.triangle, 0u, 0u, 0u));
+    return Answer(vec4(ray.origin, hit.distance), uvec4(hit.primitive.triangle, 0u, 0u, 0u));
 }
 
 PROBE(Query, Answer)

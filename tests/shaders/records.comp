@@ -22,8 +22,11 @@ struct Answer {
 Answer probe(uvec4 query) {
     uint index = query.x;
     Triangle t = fetch_triangle(index);
-    Material m = fetch_material(index, vec2(0.0));
-    Surface surface = surface_at(Hit(index, vec2(query.yz), 0.0));
+    Surface surface = surface_at(Hit(Primitive(index), vec2(query.yz), 0.0));
+    Surface textured = surface;
+    textured.material = index;
+    textured.uv = vec2(0.0);
+    Material m = material_at(textured);
     ivec2 at = ivec2(index % frame.environment_width, index / frame.environment_width);
     return Answer(vec4(t.v0, 0.0), vec4(t.v1, 0.0), vec4(t.v2, 0.0), vec4(m.kd, 0.0), vec4(m.ks, m.ns),
         vec4(m.ke, m.ni), vec4(m.tf, 0.0), vec4(surface.shading_normal, 0.0), vec4(environment_texel(at), 0.0),

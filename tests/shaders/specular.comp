@@ -11,9 +11,9 @@ struct Answer {
 
 Answer probe(SurfaceQuery query) {
     Surface surface = surface_of(query);
-    Material material = fetch_material(surface.material, surface.uv);
-    Scatter scatter = scatter_specular(material, surface, query.wo.xyz, query.u.x);
-    return Answer(vec4(scatter.direction, 0.0), vec4(scatter.weight, 0.0));
+    Material material = material_at(surface);
+    BsdfSample drawn = sample_bsdf(material, surface, query.wo.xyz, query.u.x, query.u.zw);
+    return Answer(vec4(drawn.direction, 0.0), vec4(drawn.weight, 0.0));
 }
 
 PROBE(SurfaceQuery, Answer)

@@ -1,12 +1,6 @@
 // The nearest hit of a ray, and whether anything but a target lies nearer than a limit.
 #version 460
 #extension GL_GOOGLE_include_directive : require
-#ifdef SUBGROUP_BALLOT
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_ballot : require
-#extension GL_KHR_shader_subgroup_vote : require
-#extension GL_KHR_shader_subgroup_arithmetic : require
-#endif
 #include "probe.glsl"
 #include "bvh.glsl"
 
@@ -30,8 +24,8 @@ uint deepest_wide_stack(Ray ray) {
     uint node = 0u;
     while (node != NO_NODE) {
         uint first_triangle, children;
-        uint hits = meet_children(node, grid, FARTHEST, first_triangle, children);
-        node = next_node(children, met_by_any(hits >> WIDE_INNER_BIT), grid.octant, stack);
+        uint hits = enter_children(node, grid, FARTHEST, first_triangle, children);
+        node = next_node(children, entered_by_any(hits >> WIDE_INNER_BIT), grid.octant, stack);
         balance_stack(stack);
         deepest = max(deepest, entries(stack));
     }
@@ -46,7 +40,7 @@ uint deepest_binary_stack(Ray ray) {
         if (is_inner(current)) {
             current = descend(current, ray.origin, safe_inverse(ray.direction), FARTHEST, stack);
         } else {
-            current = update_stack(stack, -1, 0u);
+            current = pop_if(true, stack);
         }
         balance_stack(stack);
         deepest = max(deepest, entries(stack));
@@ -60,11 +54,11 @@ uint deepest_stack(Ray ray) {
 }
 
 Answer probe(Query query) {
-    Ray ray = Ray(uintBitsToFloat(query.origin.xyz), uintBitsToFloat(query.direction.xyz), query.origin.w);
+    Ray ray = Ray(uintBitsToFloat(query.origin.xyz), uintBitsToFloat(query.direction.xyz), Primitive(query.origin.w));
     Hit hit = trace_closest(ray);
-    bool blocked = trace_any(ray, query.direction.w, query.limit.x);
-    return Answer(uvec4(hit.triangle, floatBitsToUint(hit.barycentrics), floatBitsToUint(hit.distance)),
-        uvec4(uint(blocked), deepest_stack(ray), 0u, 0u));
+    bool occluded = trace_any(ray, Primitive(query.direction.w), query.limit.x);
+    return Answer(uvec4(hit.primitive.triangle, floatBitsToUint(hit.barycentrics), floatBitsToUint(hit.distance)),
+        uvec4(uint(occluded), deepest_stack(ray), 0u, 0u));
 }
 
 PROBE(Query, Answer)

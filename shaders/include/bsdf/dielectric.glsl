@@ -1,0 +1,43 @@
+// Smooth glass: a Fresnel dielectric, which reflects and transmits, or one that only refracts (by Snell's law without
+// Fresnel's split, but for total reflection).
+#ifndef DIELECTRIC_GLSL
+#define DIELECTRIC_GLSL
+#include "bsdf/mirror.glsl"
+
+const uint DIELECTRIC_FLAGS = BSDF_SPECULAR | BSDF_REFLECT | BSDF_TRANSMIT;
+
+// Reflectance of unpolarised light. `eta` is the index beyond over the index before.
+float fresnel(float cos_i, float cos_t, float eta) {
+    float perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
+    float parallel = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
+    return 0.5 * (perpendicular * perpendicular + parallel * parallel);
+}
+
+// Picks reflection or transmission by the number `choice`. Geometry says which side is inside.
+BsdfSample sample_dielectric(Material m, Surface surface, vec3 wo, float choice) {
+    float side = side_of(surface, wo);
+    vec3 n = mirroring_normal(surface, wo);
+    float inverse_ni = 1.0 / m.ni;
+    float eta = side > 0.0 ? m.ni : inverse_ni;
+    float inverse_eta = side > 0.0 ? inverse_ni : m.ni;
+    float cos_i = min(dot(wo, n), 1.0);
+    vec3 along = wo - cos_i * n;
+    // The squared cosine beyond, times eta squared: a sum of small numbers where the angle grazes and
+    // the indices are alike, so that matched glass is not seen, and where it is steep and little
+    // can get out, so that very dense glass lets go of its light.
+    float squared = cos_i < 0.7 ? (eta - 1.0) * (eta + 1.0) + cos_i * cos_i : eta * eta - dot(along, along);
+    float cos_t = sqrt(max(0.0, squared)) * inverse_eta;
+    float reflectance = squared <= 0.0 ? 1.0 : 0.0;
+    if (IS_KIND(DIELECTRIC, HAS_REFRACTIVE, m)) {
+        reflectance = squared <= 0.0 ? 1.0 : fresnel(cos_i, cos_t, eta);
+    }
+    vec3 refracted = normalize(-along * inverse_eta - cos_t * n);
+    bool reflects = choice < reflectance;
+    vec3 wi = reflects ? reflect(-wo, n) : refracted;
+    // Radiance scales with the square of the index.
+    vec3 weight = reflects ? vec3(1.0) : m.tf * (inverse_eta * inverse_eta);
+    uint flags = BSDF_SPECULAR | (reflects ? BSDF_REFLECT : BSDF_TRANSMIT);
+    return BsdfSample(wi, weight, ONE_DIRECTION, flags, side_of(surface, wi) < 0.0 ? m.ni : 1.0);
+}
+
+#endif

@@ -1,0 +1,60 @@
+//! The camera's vectors, and where its rays start.
+
+use glam::{DVec3, Vec3};
+
+use super::space::Normalisation;
+use crate::layout::Frame;
+use crate::scene;
+
+/// The eye, or where it lies in a surface but for rounding, a point further along its view: from within, some rays would
+/// find that surface in front of them and some would not.
+fn clear_of_surfaces(eye: DVec3, forward: DVec3, corners: &[[Vec3; 3]]) -> DVec3 {
+    // Some roundings of the coordinates at hand.
+    const TOUCH: f64 = 4.8e-7;
+    let touch = |corners: &[Vec3; 3]| {
+        let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let touch = TOUCH * low.abs().max(high.abs()).max(eye.abs()).max_element();
+        let near = eye.cmpge(low - touch).all() && eye.cmple(high + touch).all();
+        let off = || (b - a).cross(c - a).normalize_or_zero().dot(eye - a).abs();
+        (near && off() <= touch).then_some(touch)
+    };
+    corners.iter().find_map(touch).map_or(eye, |touch| eye + 8.0 * touch * forward)
+}
+
+/// Radius of the ball about the origin that holds any normalised scene.
+const SCENE_RADIUS: f64 = 1.75;
+/// Distance of an eye from the middle of a scene beyond which rays start nearer to the scene, normalised units: until
+/// there an eye has about as many digits behind the point as the scene.
+const NEAR_EYE: f64 = 16.0;
+
+/// How far before the eye, along the view axis, the plane lies that the camera's rays start from. No surface is nearer.
+fn ray_start(eye: DVec3, forward: DVec3) -> f64 {
+    if eye.length() <= NEAR_EYE {
+        return 0.0;
+    }
+    (-eye.dot(forward) - SCENE_RADIUS).max(0.0)
+}
+
+/// Camera vectors for a square image: the session scales `camera_right` by the aspect.
+pub(super) fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation, corners: &[[Vec3; 3]]) -> Frame {
+    let forward = (camera.target - camera.eye).normalize();
+    let mut right = forward.cross(camera.up).normalize_or_zero();
+    if right == DVec3::ZERO {
+        // Looking straight up or down: any axis that is not the view's will do for up.
+        right = forward.cross(forward.any_orthonormal_vector()).normalize();
+    }
+    let up = right.cross(forward);
+    let half_height = libm::tan(0.5 * camera.vfov.to_radians());
+    let mut frame: Frame = bytemuck::Zeroable::zeroed();
+    let eye = clear_of_surfaces(normalisation.point(camera.eye), forward, corners);
+    let distance = ray_start(eye, forward);
+    frame.camera_eye = (eye + distance * forward).as_vec3().to_array();
+    frame.camera_distance = distance as f32;
+    frame.camera_forward = forward.as_vec3().to_array();
+    frame.camera_right = (right * half_height).as_vec3().to_array();
+    frame.camera_up = (up * half_height).as_vec3().to_array();
+    frame.lens_radius = normalisation.length(camera.aperture);
+    frame.focus_distance = normalisation.length(camera.focus);
+    frame
+}

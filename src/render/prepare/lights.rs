@@ -1,0 +1,100 @@
+//! Emitting triangles as light samples pick them, and how often they pick the sky.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3};
+
+use super::PrepareError;
+use super::features::Features;
+use super::sky::Sky;
+use crate::alias::{AliasCell, alias_table};
+use crate::bvh::Bvh;
+use crate::constants::*;
+use crate::layout::Light;
+use crate::scene::Scene;
+
+/// Most cells of an alias table: random numbers have 24 bits.
+pub(super) const MAX_CELLS: usize = 1 << 24;
+
+/// How bright a radiance is: its luminance by Rec. 709. A part of the sum keeps it above zero for colours
+/// that have none.
+pub(super) fn brightness(radiance: Vec3) -> f64 {
+    let c = radiance.as_dvec3();
+    c.dot(DVec3::new(0.2126, 0.7152, 0.0722)) + 1e-3 * c.element_sum()
+}
+
+/// Emitting triangles, as light samples pick them.
+#[derive(Debug, Default)]
+pub(super) struct Lamps {
+    /// Cells of the alias table, in the scene's order.
+    pub(super) cells: Vec<Light>,
+    /// Area of each over the probability of its pick, normalised units squared.
+    pub(super) areas: Vec<f64>,
+    /// Brightness times area of all, times pi.
+    power: f64,
+}
+
+impl Lamps {
+    /// Share of the picks that go by power. The others go by area, so that a lamp of little power still
+    /// has samples where it is near, or nothing else shines.
+    const BY_POWER: f64 = 0.9;
+
+    pub(super) fn of(scene: &Scene, bvh: &Bvh, corners: &[[Vec3; 3]]) -> Result<Self, PrepareError> {
+        let material = |original: u32| &scene.materials[scene.mesh.triangles[original as usize].material as usize];
+        let emits = |original: u32| material(original).is_emitter();
+        let mut lights: Vec<(u32, u32)> = bvh
+            .order
+            .iter()
+            .enumerate()
+            .filter(|(_, original)| emits(**original))
+            .map(|(place, original)| (*original, place as u32))
+            .collect();
+        // The scene's order, so that random numbers pick the same light whatever the BVH is.
+        lights.sort_unstable();
+        let originals = || lights.iter().map(|(original, _)| *original);
+        let areas: Vec<f64> = originals()
+            .map(|original| {
+                let [a, b, c] = corners[original as usize].map(|v| v.as_dvec3());
+                0.5 * (b - a).cross(c - a).length()
+            })
+            .collect();
+        let brightnesses: Vec<f64> = originals().map(|original| brightness(material(original).ke)).collect();
+        let area: f64 = areas.iter().sum();
+        let power: f64 = areas.iter().zip(&brightnesses).map(|(area, brightness)| area * brightness).sum();
+        if lights.len() > MAX_CELLS {
+            return Err(PrepareError::TooManyLights(lights.len()));
+        }
+        if power == 0.0 {
+            return Ok(Self::default());
+        }
+        // Probability of a lamp's pick over its area.
+        let density = |brightness: &f64| Self::BY_POWER * brightness / power + (1.0 - Self::BY_POWER) / area;
+        let densities: Vec<f64> = brightnesses.iter().map(density).collect();
+        let weights: Vec<f64> = areas.iter().zip(&densities).map(|(area, density)| area * density).collect();
+        let cell = |((_, triangle), cell): (&(u32, u32), AliasCell)| Light {
+            triangle: *triangle,
+            threshold: cell.threshold,
+            alias: cell.alias,
+            unused: 0,
+        };
+        Ok(Self {
+            cells: lights.iter().zip(alias_table(&weights)).map(cell).collect(),
+            areas: densities.iter().map(|density| 1.0 / density).collect(),
+            power: PI * power,
+        })
+    }
+}
+
+/// Probability that a light sample goes to the sky: its share of the power that the scene receives, were
+/// half of the sky hidden, though lamps and sky get a tenth at least. `size` is that of the scene's bounds.
+pub(super) fn sky_probability(features: Features, lamps: &Lamps, sky: &Sky, size: DVec3) -> f32 {
+    let shines = features.environment != ENVIRONMENT_BLACK;
+    if !shines || lamps.cells.is_empty() {
+        return if shines { 1.0 } else { 0.0 };
+    }
+    // The sky sends its light through the disk of the sphere about the bounds.
+    let received = 0.5 * sky.power * PI * 0.25 * size.length_squared();
+    let share = (received / (received + lamps.power)).clamp(0.1, 0.9);
+    // Exact in the 24 bits of a random number.
+    ((share * 256.0).round() / 256.0) as f32
+}

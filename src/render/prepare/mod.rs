@@ -1,0 +1,299 @@
+//! The scene as the kernels read it: normalised, in leaf order, with only what it requires.
+//!
+//! [`Features`] are what the scene has and [`Needs`] what a render asks of its kernels; `space` has the units, `camera`
+//! the camera's vectors, `lights` the lamps and `sky` the environment as light sampling picks them, `pack` the records.
+
+mod camera;
+mod features;
+mod lights;
+mod pack;
+mod sky;
+mod space;
+
+use std::f64::consts::PI;
+
+use glam::{Vec2, Vec3};
+use thiserror::Error;
+
+use self::camera::camera_frame;
+pub use self::features::{Features, Needs};
+use self::lights::{Lamps, MAX_CELLS, brightness, sky_probability};
+use self::pack::{pack_coordinates, pack_material, pack_normals, pack_textures};
+use self::sky::Sky;
+pub use self::space::Normalisation;
+use self::space::{normal_or_zero, radiance_scale, scaled};
+use super::defaults::Defaults;
+use super::plan::{Plan, SceneLevels};
+use crate::bvh::{self, Bvh, BvhKind};
+use crate::constants::*;
+use crate::layout::{EnvironmentSplit, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
+use crate::scene::{Environment, Integrator, Scene};
+use crate::settings::Settings;
+use crate::trace::Stages;
+
+/// A scene that the kernels cannot hold.
+#[derive(Debug, Error, PartialEq)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum PrepareError {
+    #[error("the scene has {0} triangles and a BVH can address {max}; use a smaller scene", max = bvh::MAX_TRIANGLES)]
+    TooManyTriangles(usize),
+    #[error("the scene has {0} triangles and a list holds at most {max}; use another --bvh", max = bvh::MAX_LISTED)]
+    TooManyListed(usize),
+    #[error("the BVH has {nodes} nodes and one of this shape can address {max}; use --bvh bvh2")]
+    TooManyNodes { nodes: usize, max: usize },
+    #[error("the scene has {0} emitting triangles and light sampling can tell {max} apart; use fewer", max = MAX_CELLS)]
+    TooManyLights(usize),
+    #[error("the environment has {0} texels and light sampling can tell {max} apart; scale the image down", max = MAX_CELLS)]
+    TooManyTexels(usize),
+}
+
+/// Scene data in the layouts of the GPU.
+#[derive(Debug)]
+pub struct PreparedScene {
+    /// The hierarchy over `triangles`.
+    pub bvh: Bvh,
+    /// Triangles in leaf order.
+    pub triangles: Vec<Triangle>,
+    /// Materials in the scene's order.
+    pub materials: Vec<Material>,
+    /// Emitting triangles.
+    pub lights: Vec<Light>,
+    /// Shading normals in the scene's order, if there are any.
+    pub normals: Vec<Normals>,
+    /// Three texture coordinates a triangle in the scene's order, if there are textures.
+    pub texture_coordinates: Vec<Vec2>,
+    /// Per image its width and height, then its texels as halves.
+    pub textures: Vec<[u32; 2]>,
+    /// Texels of a lat-long environment.
+    pub environment: Vec<EnvironmentTexel>,
+    /// How light sampling finds a texel, from the whole image down.
+    pub environment_splits: Vec<EnvironmentSplit>,
+    /// What the scene needs of the kernels.
+    pub features: Features,
+    /// How its positions came from the world's.
+    pub normalisation: Normalisation,
+    /// What the kernels' radiance is of the scene's, a power of two.
+    pub radiance_scale: f64,
+    frame: Frame,
+}
+
+/// Data of a scene for a buffer of its name on the device.
+#[derive(Debug, Clone, Copy)]
+pub struct SceneBuffer<'a> {
+    /// Name of the GLSL variable.
+    pub name: &'static str,
+    /// Bytes of the words that kernels read: 8 or 16.
+    pub texel_bytes: u64,
+    /// Its contents; without any it is zeros.
+    pub contents: &'a [u8],
+    /// Bytes, at least a word.
+    pub size: u64,
+}
+
+impl PreparedScene {
+    /// [`PreparedScene::with_bvh`] of eight children a node.
+    ///
+    /// # Errors
+    /// When the scene is larger than an index can tell.
+    pub fn new(scene: &Scene) -> Result<Self, PrepareError> {
+        Self::with_bvh(scene, BvhKind::Cwbvh)
+    }
+
+    /// [`PreparedScene::with_bvh`] of the kind that the settings ask for or else suits the device.
+    ///
+    /// # Errors
+    /// When the scene is larger than an index can tell.
+    pub fn for_device(scene: &Scene, settings: &Settings, defaults: &Defaults) -> Result<Self, PrepareError> {
+        Self::in_stages(scene, settings, defaults, &Stages::default())
+    }
+
+    /// As [`PreparedScene::for_device`]; notes its stages.
+    ///
+    /// # Errors
+    /// As [`PreparedScene::for_device`].
+    pub fn in_stages(
+        scene: &Scene,
+        settings: &Settings,
+        defaults: &Defaults,
+        stages: &Stages,
+    ) -> Result<Self, PrepareError> {
+        Self::lay_out(scene, defaults.bvh(settings, scene.mesh.triangles.len()), stages)
+    }
+
+    /// Builds a BVH of that kind and lays the scene out.
+    ///
+    /// # Errors
+    /// When the scene is larger than an index can tell.
+    pub fn with_bvh(scene: &Scene, kind: BvhKind) -> Result<Self, PrepareError> {
+        Self::lay_out(scene, kind, &Stages::default())
+    }
+
+    fn lay_out(scene: &Scene, kind: BvhKind, stages: &Stages) -> Result<Self, PrepareError> {
+        let laying_out = stages.begin("lay out scene");
+        let mesh = &scene.mesh;
+        if mesh.triangles.len() > bvh::MAX_TRIANGLES {
+            return Err(PrepareError::TooManyTriangles(mesh.triangles.len()));
+        }
+        let normalisation = Normalisation::of(scene);
+        let points: Vec<Vec3> =
+            mesh.positions.iter().map(|p| normal_or_zero(normalisation.point(*p).as_vec3())).collect();
+        let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.positions.map(|i| points[i as usize])).collect();
+        if kind == BvhKind::List && corners.len() > bvh::MAX_LISTED {
+            return Err(PrepareError::TooManyListed(corners.len()));
+        }
+        drop(laying_out);
+        let building = stages.begin("build BVH");
+        let bvh = Bvh::build(kind, &corners);
+        drop(building);
+        let _laying_out = stages.begin("lay out scene");
+        let (nodes, max) = (bvh.node_places(), kind.max_nodes());
+        if nodes > max {
+            return Err(PrepareError::TooManyNodes { nodes, max });
+        }
+        let mut triangles: Vec<Triangle> = bvh
+            .order
+            .iter()
+            .map(|&original| {
+                let [v0, v1, v2] = corners[original as usize].map(|v| v.to_array());
+                let material = mesh.triangles[original as usize].material;
+                Triangle { v0, original, v1, material, v2, light_area: 0.0 }
+            })
+            .collect();
+        let radiance_scale = radiance_scale(scene);
+        let lamps = Lamps::of(scene, &bvh, &corners)?;
+        for (light, area) in lamps.cells.iter().zip(&lamps.areas) {
+            triangles[light.triangle as usize].light_area = *area as f32;
+        }
+
+        let mut frame = camera_frame(&scene.camera, &normalisation, &corners);
+        let features = Features::of(scene, frame.camera_distance > 0.0);
+        let (textures, headers) = if features.textures { pack_textures(scene) } else { Default::default() };
+        let sky = match &scene.environment {
+            Environment::LatLong(map) => Sky::of(map, radiance_scale)?,
+            Environment::Constant(radiance) => Sky { power: 4.0 * PI * brightness(*radiance), ..Sky::default() },
+            Environment::Black => Sky::default(),
+        };
+        frame.light_count = lamps.cells.len() as u32;
+        let (low, high) = scene.bounds();
+        frame.sky_probability =
+            sky_probability(features, &lamps, &sky, normalisation.point(high) - normalisation.point(low));
+        frame.environment = features.environment;
+        match &scene.environment {
+            Environment::Constant(radiance) => {
+                frame.environment_radiance = scaled(*radiance, radiance_scale);
+            }
+            Environment::LatLong(map) => {
+                (frame.environment_width, frame.environment_height) = (map.width, map.height);
+            }
+            Environment::Black => {}
+        }
+        Ok(Self {
+            bvh,
+            triangles,
+            materials: scene.materials.iter().map(|m| pack_material(m, &headers, radiance_scale)).collect(),
+            lights: lamps.cells,
+            normals: if features.normals { pack_normals(mesh) } else { Vec::new() },
+            texture_coordinates: if features.textures { pack_coordinates(mesh) } else { Vec::new() },
+            textures,
+            environment: sky.texels,
+            environment_splits: sky.splits,
+            features,
+            normalisation,
+            radiance_scale,
+            frame,
+        })
+    }
+
+    /// Corners of the triangles in the scene's order, in normalised space.
+    pub fn corners(&self) -> Vec<[[f32; 3]; 3]> {
+        let mut corners = vec![[[0.0; 3]; 3]; self.triangles.len()];
+        for Triangle { v0, v1, v2, original, .. } in &self.triangles {
+            corners[*original as usize] = [*v0, *v1, *v2];
+        }
+        corners
+    }
+
+    /// The uniform block of a render with `path_capacity` slots.
+    pub fn frame(&self, settings: &Settings, path_capacity: u32) -> Frame {
+        let aspect = settings.width as f32 / settings.height as f32;
+        // The BRDF's own samples find a constant sky as well as light samples do, which are for the lamps then.
+        let found_anyway = settings.integrator == Integrator::Mis && self.features.environment == ENVIRONMENT_CONSTANT;
+        let sky_probability = match self.frame.sky_probability {
+            both if found_anyway && both < 1.0 => both.min(0.125),
+            shared => shared,
+        };
+        Frame {
+            sky_probability,
+            // Until here, right is as long as up.
+            camera_right: self.frame.camera_right.map(|c| c * aspect),
+            roulette: settings.roulette as f32,
+            max_bounces: settings.max_bounces.unwrap_or(UNBOUNDED),
+            radiance_clamp: (settings.clamp.unwrap_or_default() * self.radiance_scale) as f32,
+            roulette_from: settings.roulette_from,
+            seed: settings.seed,
+            width: settings.width,
+            height: settings.height,
+            path_capacity,
+            ..self.frame
+        }
+    }
+
+    /// Levels that kernels go down.
+    pub fn levels(&self) -> SceneLevels {
+        let sky = self.frame.environment_width.max(self.frame.environment_height).max(1);
+        let listed = self.bvh.kind == BvhKind::List;
+        let bvh_tests = if listed { 0 } else { self.bvh.sah_cost.ceil() as u32 };
+        SceneLevels { bvh: self.bvh.depth, bvh_tests, sky: sky.next_power_of_two().ilog2() }
+    }
+
+    /// Entries of the traversal stack: each inner node on the way down leaves one at most. Of a wide
+    /// tree it is the siblings of the node that comes next, and the last level has none.
+    fn stack_size(&self) -> u32 {
+        match self.bvh.kind {
+            BvhKind::List => 0,
+            BvhKind::Bvh2 => self.bvh.depth,
+            BvhKind::Bvh4 | BvhKind::Cwbvh => self.bvh.depth - 1,
+        }
+    }
+
+    /// What the kernels of a render are built for: what it needs or, without specialization, all there is.
+    pub fn needs(&self, settings: &Settings) -> Needs {
+        if settings.specialize {
+            Needs::of(self.features, settings, self.stack_size())
+        } else {
+            Needs { stack_size: self.stack_size().max(Needs::ALL.stack_size), ..Needs::ALL }
+        }
+    }
+
+    /// Specialization constants by id: those of the table, then the vertices of a list.
+    pub fn specialization(&self, settings: &Settings, plan: &Plan) -> Vec<u32> {
+        let mut constants = self.needs(settings).specialization(settings, plan, &self.bvh).words();
+        if self.bvh.kind == BvhKind::List {
+            let vertices = self.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]);
+            constants.extend(vertices.flatten().map(f32::to_bits));
+        }
+        constants
+    }
+}
+
+impl PreparedScene {
+    /// The scene's buffers. What the scene has no data for is one word or, without specialization, as
+    /// long as if each triangle had some.
+    pub fn buffers(&self, specialize: bool) -> [SceneBuffer<'_>; 9] {
+        let triangles = if specialize { 1 } else { self.triangles.len() as u64 };
+        fn buffer<'a>(name: &'static str, texel_bytes: u64, contents: &'a [u8], least: u64) -> SceneBuffer<'a> {
+            SceneBuffer { name, texel_bytes, contents, size: (contents.len() as u64).max(least) }
+        }
+        [
+            buffer("nodes", 16, bytemuck::cast_slice(&self.bvh.texels), 16),
+            buffer("triangles", 16, bytemuck::cast_slice(&self.triangles), 16),
+            buffer("materials", 16, bytemuck::cast_slice(&self.materials), 16),
+            buffer("lights", 16, bytemuck::cast_slice(&self.lights), 16),
+            buffer("normals", 16, bytemuck::cast_slice(&self.normals), 16 * triangles),
+            buffer("texture_coordinates", 8, bytemuck::cast_slice(&self.texture_coordinates), 3 * 8 * triangles),
+            buffer("textures", 8, bytemuck::cast_slice(&self.textures), 8),
+            buffer("environment", 16, bytemuck::cast_slice(&self.environment), 16),
+            buffer("environment_splits", 16, bytemuck::cast_slice(&self.environment_splits), 16),
+        ]
+    }
+}

@@ -1,0 +1,56 @@
+//! The kernels' units: positions in normalised space, radiance times a power of two.
+
+use glam::{DVec3, Vec3};
+
+use super::features::used_materials;
+use crate::scene::{Environment, Scene};
+
+/// The power of two that puts the middle of the brightest and the dimmest light at 1, so that the sums and squares of
+/// samples stay clear of both ends of `f32`. It rounds nothing.
+pub(super) fn radiance_scale(scene: &Scene) -> f64 {
+    let lamps = scene.materials.iter().zip(used_materials(scene)).filter(|(_, used)| *used).map(|(m, _)| m.ke);
+    let sky = match &scene.environment {
+        Environment::Black => Vec3::ZERO,
+        Environment::Constant(radiance) => *radiance,
+        Environment::LatLong(map) => map.radiance.iter().fold(Vec3::ZERO, |peak, texel| peak.max(*texel)),
+    };
+    let peaks = lamps.chain([sky]).map(|light| f64::from(light.max_element())).filter(|peak| *peak > 0.0);
+    let (low, high) = peaks.fold((f64::INFINITY, 0.0_f64), |(low, high), peak| (low.min(peak), high.max(peak)));
+    if high > 0.0 { (-0.5 * (low.log2() + high.log2())).round().exp2() } else { 1.0 }
+}
+
+/// Subnormal numbers as zeros: devices differ in what they make of them.
+pub(super) fn normal_or_zero(v: Vec3) -> Vec3 {
+    Vec3::from_array(v.to_array().map(|x| if x.is_subnormal() { 0.0 } else { x }))
+}
+
+/// From world to normalised space: bounds to [-1, 1]³, by a power of two so that it is exact.
+#[derive(Debug, Clone, Copy)]
+pub struct Normalisation {
+    /// Middle of the scene's bounds, world units.
+    pub centre: DVec3,
+    /// Normalised lengths of a world unit, a power of two: normalised = (world - centre) · scale.
+    pub scale: f64,
+}
+
+impl Normalisation {
+    pub(super) fn of(scene: &Scene) -> Self {
+        let (low, high) = scene.bounds();
+        let extent = (0.5 * (high - low)).max_element();
+        let scale = if extent > 0.0 { (-extent.log2().ceil()).exp2() } else { 1.0 };
+        Self { centre: low.midpoint(high), scale }
+    }
+
+    pub(super) fn point(&self, p: DVec3) -> DVec3 {
+        (p - self.centre) * self.scale
+    }
+
+    pub(super) fn length(&self, length: f64) -> f32 {
+        (length * self.scale) as f32
+    }
+}
+
+/// Radiance in the kernels' unit.
+pub(super) fn scaled(radiance: Vec3, radiance_scale: f64) -> [f32; 3] {
+    (radiance.as_dvec3() * radiance_scale).as_vec3().to_array()
+}
