@@ -2,11 +2,12 @@
 
 use rayon::prelude::*;
 
-use super::batch;
+use super::error::RenderError;
 use super::plan::{SampleRange, Taken};
 use super::prepare::PreparedScene;
-use super::session::{RenderError, Session};
-use super::settings::{PathState, Scheduler, ShadowRays};
+use super::schedule::Work;
+use super::session::Session;
+use super::settings::PathState;
 use crate::constants::NO_TRIANGLE;
 use crate::gpu::GpuError;
 use crate::rays::{RayClass, RayOrder, RayRecord};
@@ -50,33 +51,30 @@ impl Session {
         order: RayOrder,
     ) -> Result<QueuedRays, RenderError> {
         let shadow = class == RayClass::Shadow;
-        if self.scheduler == Scheduler::Megakernel {
+        if !self.schedule.has_queues() {
             return Err(RenderError::NoQueues);
         }
-        if shadow && self.scheduler == Scheduler::Bounce && self.settings.shadow_rays == ShadowRays::AtOnce {
+        if shadow && !self.schedule.queues_shadow_rays() {
             return Err(RenderError::NoShadowQueue);
         }
         self.clear()?;
         let tile = self.plan.tiles(0).next().expect("an image has a row");
-        let range = self.plan.next_batch(tile, Taken::default(), self.settings.samples, u32::MAX, u32::MAX);
-        let range = range.expect("a render has a sample");
-        let mut recording = Recording::default();
-        batch::begin(&mut recording, &self.plan, range);
+        let batch = self.plan.next_batch(tile, Taken::default(), self.settings.samples, u32::MAX, u32::MAX);
+        let batch = batch.expect("a render has a sample");
         let (mut count, mut last) = (0, None);
-        for at in 0..=bounce {
+        let schedule = self.schedule;
+        let work = Work { batch, first_slot: 0, resolves: false };
+        schedule.record(&mut Recording::default(), work, |frame, recorded| {
             // Shadow rays of a bounce are queued while it is shaded, the others by the bounce before.
-            let shaded = if shadow { at..at + 1 } else { at.saturating_sub(1)..at };
-            self.advance(&mut recording, range, shaded);
-            self.executor.submit(&std::mem::take(&mut recording))?;
+            let Some(at) = recorded.checked_sub(shadow.into()) else { return Ok(true) };
+            self.executor.submit(&std::mem::take(frame))?;
             let control = self.control()?;
             count = if shadow { control.current_shadow_rays } else { control.current_rays };
             if count > 0 {
                 last = Some(at);
             }
-            if control.current_rays == 0 {
-                break;
-            }
-        }
+            Ok::<_, GpuError>(control.current_rays > 0 && at < bounce)
+        })?;
         if last != Some(bounce) {
             return Err(RenderError::NoRays { rays: if shadow { "shadow" } else { "path" }, bounce, last });
         }
@@ -107,7 +105,7 @@ impl Session {
             rays.retain(RayRecord::is_sound);
         }
         let left_out = u64::from(count) - rays.len() as u64;
-        Ok(QueuedRays { rays, left_out, batch: range })
+        Ok(QueuedRays { rays, left_out, batch })
     }
 
     /// Path slot and place in the buffers of each ray, in the order of the queue.

@@ -1,10 +1,12 @@
 //! Faults: samples that came out NaN or infinite, followed again to the bounce that made them so.
 
-use super::batch;
+use super::error::RenderError;
 use super::plan::SampleRange;
 use super::prepare::PreparedScene;
-use super::session::{RenderError, Session, SessionOptions, Statistics};
+use super::schedule::Work;
+use super::session::{Session, SessionOptions};
 use super::settings::{Scheduler, Settings, ShadowRays, Sort};
+use super::statistics::Statistics;
 use crate::gpu::Device;
 use crate::layout::FilmPixel;
 use crate::recording::Recording;
@@ -60,21 +62,18 @@ impl Session {
     /// Scattering events before the vertex after which the radiance of that sample is no longer finite.
     fn spoiling_bounce(&mut self, first_pixel: u32, first_sample: u32) -> Result<Option<u32>, RenderError> {
         self.clear()?;
-        let range = SampleRange { first_pixel, pixel_count: 1, first_sample, sample_count: 1, film_pixel: 0 };
-        let mut recording = Recording::default();
-        batch::begin(&mut recording, &self.plan, range);
-        let last = self.settings.max_bounces.unwrap_or(u32::MAX - 1);
-        for bounce in 0..=last {
-            self.advance(&mut recording, range, bounce..bounce + 1);
-            self.executor.submit(&std::mem::take(&mut recording))?;
+        let batch = SampleRange { first_pixel, pixel_count: 1, first_sample, sample_count: 1, film_pixel: 0 };
+        let schedule = self.schedule;
+        let mut spoiling = None;
+        let work = Work { batch, first_slot: 0, resolves: false };
+        schedule.record(&mut Recording::default(), work, |frame, recorded| {
+            let Some(bounce) = recorded.checked_sub(1) else { return Ok(true) };
+            self.executor.submit(&std::mem::take(frame))?;
             let radiances: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.executor.read("radiances")?);
-            if radiances[0][..3].iter().any(|channel| !channel.is_finite()) {
-                return Ok(Some(bounce));
-            }
-            if self.control()?.current_rays == 0 {
-                break;
-            }
-        }
-        Ok(None)
+            let is_finite = radiances[0][..3].iter().all(|channel| channel.is_finite());
+            spoiling = (!is_finite).then_some(bounce);
+            Ok::<_, RenderError>(is_finite && self.control()?.current_rays > 0)
+        })?;
+        Ok(spoiling)
     }
 }

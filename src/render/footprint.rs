@@ -3,10 +3,11 @@
 
 use std::collections::HashSet;
 
+use super::buffers::path_records;
 use super::defaults::Defaults;
 use super::plan::Plan;
 use super::prepare::{Needs, PreparedScene};
-use super::session::{kernels, path_records};
+use super::schedule::Schedule;
 use super::settings::{RouletteMode, Scheduler, Settings};
 use crate::bvh::BvhKind;
 use crate::constants::*;
@@ -67,7 +68,7 @@ impl Footprint {
         let mut bound = HashSet::new();
         let mut instructions = Vec::new();
         let scheduler = defaults.scheduler(settings, scene.levels());
-        for name in kernels(scheduler, settings, needs) {
+        for name in Schedule::new(scheduler, settings, needs, &plan).kernels() {
             let kernel = shaders::kernel(name).variant(Edition::Plain, access).specialize(&build);
             bound.extend(kernel.bindings.iter().map(|binding| binding.name));
             instructions.push((name, kernel.instructions));

@@ -10,9 +10,11 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::error::RenderError;
 use super::plan::{Plan, SampleRange};
 use super::prepare::PreparedScene;
-use super::session::{RenderError, SessionOptions, limits, open_executor};
+use super::schedule::{connect_kernel, extend_kernel};
+use super::session::{SessionOptions, limits, open_executor};
 use super::settings::{Offsets, PathState, Settings};
 use super::warm_up::{WarmUp, Warmth};
 use crate::bvh::{Hit, Ray, trace_any, trace_closest};
@@ -507,9 +509,8 @@ fn on_cpu(scene: &PreparedScene, class: RayClass, record: &RayRecord) -> Answer 
 fn kernel_of(settings: &Settings, class: RayClass) -> &'static str {
     let packets = settings.packets.unwrap_or_default();
     match class {
-        RayClass::Camera => packets.kernel_at(0, "extend", "extend_packets"),
-        RayClass::Bounce => packets.kernel_at(1, "extend", "extend_packets"),
-        RayClass::Shadow => packets.connect(),
+        RayClass::Camera | RayClass::Bounce => extend_kernel(packets, class),
+        RayClass::Shadow => connect_kernel(packets),
     }
 }
 

@@ -1,70 +1,29 @@
 //! A render on a device: uploads the scene, runs batch after batch, reads the film.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::ops::{ControlFlow, Range};
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
-use thiserror::Error;
 
+use super::buffers::{path_buffers, path_records, scene_buffers};
 use super::defaults::Defaults;
+use super::error::RenderError;
+use super::kept::{Kept, moments, total};
 use super::pace::Pace;
 use super::plan::{Band, DeviceLimits, Plan, SampleRange, SceneDemands, Taken, Tile};
-use super::prepare::{Needs, PrepareError, PreparedScene, SceneBuffer};
-use super::settings::{Numerics, Packets, Scheduler, Settings, ShadowRays, Sort};
+use super::prepare::PreparedScene;
+use super::schedule::{Schedule, Work};
+use super::settings::{Numerics, Packets, Scheduler, Settings};
+use super::statistics::{Outcome, Statistics, scattered_rays};
 use super::traced::{DeviceTrace, Gathering};
-use super::{batch, bounce, megakernel, wavefront};
 use crate::bvh::BvhKind;
-use crate::constants::{COUNTED_BOUNCES, STAGES};
 use crate::film::{FilmMoments, Image};
-use crate::gpu::{
-    BufferRole, BufferUse, CompiledKernel, Device, Executor, ExecutorDescription, GpuError, Idle, KernelTime,
-};
-use crate::layout::{Bins, Control, FilmPixel, Frame, RayCount, WorkCount};
+use crate::gpu::{CompiledKernel, Device, Executor, ExecutorDescription, GpuError, Idle};
+use crate::layout::{Control, FilmPixel, RayCount};
 use crate::recording::Recording;
 use crate::shaders::{self, Access, Arithmetic, Edition, Forms, Library};
-
-/// A render that failed.
-#[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
-pub enum RenderError {
-    #[error(transparent)]
-    Prepare(#[from] PrepareError),
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    #[error(
-        "the driver leaves a kernel's loops before their end, so the image would be wrong; use another --scheduler than megakernel, or a smaller --shading-cost"
-    )]
-    CutLoops,
-    #[error(
-        "the driver does not promise that lanes which part in a loop meet again, as the rays of a packet must; leave out --packets"
-    )]
-    NoPackets,
-    #[error("the megakernel keeps no queues, so there are no rays to dump; use --scheduler wavefront")]
-    NoQueues,
-    #[error(
-        "shadow rays that are traced at once are in no queue, so there are none to dump; use --shadow-rays deferred"
-    )]
-    NoShadowQueue,
-    #[error("there are no {rays} rays at bounce {bounce}{}", of_last(*last))]
-    NoRays { rays: &'static str, bounce: u32, last: Option<u32> },
-    #[error(
-        "ray {ray} of the dump: {kernel} finds {found} where the CPU finds {expected}, so its speed means nothing; report this with device and driver"
-    )]
-    WrongAnswer { ray: u64, kernel: &'static str, found: String, expected: String },
-    #[error("ray {ray} of the dump: {kernel} finds {first} and, when run again, {again}; the device cannot be trusted")]
-    Unstable { ray: u64, kernel: &'static str, first: String, again: String },
-}
-
-/// Where there are rays, for a message. The camera's are always there.
-fn of_last(last: Option<u32>) -> String {
-    match last {
-        Some(0) => "; there are some at bounce 0".to_owned(),
-        Some(last) => format!("; there are some up to bounce {last}"),
-        None => ", nor before it; they need --integrator explicit and a light".to_owned(),
-    }
-}
 
 /// How far a render is.
 #[derive(Debug, Clone, Copy)]
@@ -88,69 +47,6 @@ pub enum Ending {
     Now,
 }
 
-/// What a render leaves.
-#[derive(Debug)]
-pub struct Outcome {
-    /// Sums over the samples of each pixel, of as many rows as the statistics say.
-    pub film: FilmMoments,
-    /// What it cost.
-    pub statistics: Statistics,
-}
-
-/// What a render cost.
-#[derive(Debug, Clone)]
-pub struct Statistics {
-    /// Samples of each pixel in the image; where rows have different ones, the fewest of any that has some.
-    pub samples: u32,
-    /// Rows of the image, from the top, that have samples: all of them, unless the render was broken off.
-    pub rows: u32,
-    /// Those rows by their samples: one entry, unless the render was broken off.
-    pub bands: Vec<Band>,
-    /// Rows of a tile.
-    pub tile_rows: u32,
-    /// Samples that were taken, over all pixels.
-    pub sample_count: u64,
-    /// Rays from the camera.
-    pub camera_rays: u64,
-    /// Rays from a scattering.
-    pub bounce_rays: u64,
-    /// Rays to a light.
-    pub shadow_rays: u64,
-    /// Samples that were NaN or infinite and were left out of the film.
-    pub nonfinite_samples: u32,
-    /// Pixel and number of those, by pixel: all, or some where they are many; see [`super::find_faults`].
-    pub nonfinite_traced: Vec<[u32; 2]>,
-    /// From the first batch to the last.
-    pub wall_time: Duration,
-    /// Inside the command buffers of the batches, from end to end, on the device's clock; 0 where it
-    /// has none.
-    pub gpu_seconds: f64,
-    /// How long the device was idle before and between those.
-    pub idle: Idle,
-    /// Time and launches by kernel and bounce.
-    pub passes: BTreeMap<(&'static str, u32), KernelTime>,
-    /// Rays by bounce; the last entry takes all that follow. The megakernel leaves the
-    /// camera's out, and counts all of its rays
-    /// after the camera's as bounce 1, and all shadow rays as bounce 0.
-    pub ray_counts: Vec<RayCount>,
-    /// Bytes of device memory.
-    pub memory_bytes: u64,
-    /// How the work was cut into kernels.
-    pub scheduler: Scheduler,
-    /// Path slots.
-    pub paths_in_flight: u32,
-    /// Invocations of a workgroup.
-    pub workgroup_size: u32,
-    /// Paths that an invocation of the megakernel followed.
-    pub paths_per_invocation: u32,
-    /// Shape of the BVH.
-    pub bvh: BvhKind,
-    /// Whether scene buffers were read by texels.
-    pub texel_fetch: bool,
-    /// Work by bounce and then by `STAGE_*`, of a session that counts; else empty.
-    pub work_counts: Vec<WorkCount>,
-}
-
 /// What a session can be asked for besides the settings of its render.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SessionOptions {
@@ -165,24 +61,6 @@ pub struct SessionOptions {
     /// Most bytes of film that the device holds at once; `None` is what fits a buffer. The image is
     /// the same.
     pub film_bytes: Option<u64>,
-}
-
-impl Statistics {
-    /// Rays of all classes.
-    pub fn rays(&self) -> u64 {
-        self.camera_rays + self.bounce_rays + self.shadow_rays
-    }
-
-    /// Time and launches by kernel.
-    pub fn kernels(&self) -> BTreeMap<&'static str, KernelTime> {
-        let mut kernels: BTreeMap<_, KernelTime> = BTreeMap::new();
-        for ((kernel, _), time) in &self.passes {
-            let total = kernels.entry(*kernel).or_default();
-            total.seconds += time.seconds;
-            total.launches += time.launches;
-        }
-        kernels
-    }
 }
 
 /// Bounces that go to the device before the host looks whether paths are left. Bounded paths of
@@ -215,9 +93,8 @@ pub struct Session {
     pub(super) executor: Executor,
     pub(super) plan: Plan,
     pub(super) settings: Settings,
-    pub(super) scheduler: Scheduler,
-    /// Whether shadow rays wait in a queue for `connect`.
-    connects: bool,
+    pub(super) schedule: Schedule,
+    scheduler: Scheduler,
     bvh: BvhKind,
     counting: bool,
     /// What the kernels' radiance is of the scene's.
@@ -261,13 +138,14 @@ impl Session {
         let state_bytes = path_records(settings.sort, &needs).iter().map(|(_, bytes)| bytes).sum();
         let demands = SceneDemands { levels, stack_bytes: needs.stack_bytes(1), state_bytes };
         let plan = Plan::new(settings, scheduler, &demands, &limits, &defaults);
-        let executor = open_executor(device, scene, settings, &plan, &kernels(scheduler, settings, &needs), options)?;
+        let schedule = Schedule::new(scheduler, settings, &needs, &plan);
+        let executor = open_executor(device, scene, settings, &plan, &schedule.kernels(), options)?;
         Ok(Self {
             executor,
             plan,
             settings: *settings,
+            schedule,
             scheduler,
-            connects: connects(scheduler, settings, &needs),
             bvh: scene.bvh.kind,
             counting: options.counting,
             radiance_scale: scene.radiance_scale,
@@ -330,7 +208,7 @@ impl Session {
     /// When the device fails.
     pub fn keep_trace(&mut self, most_passes: usize) -> Result<(), RenderError> {
         self.executor.keep_trace("ray_counts", most_passes)?;
-        self.tracing = Some(Gathering::new(self.scheduler != Scheduler::Megakernel));
+        self.tracing = Some(Gathering::new(self.schedule.has_queues()));
         Ok(())
     }
 
@@ -441,7 +319,9 @@ impl Session {
                 self.executor.clear("film")?;
             }
             while let Some(batch) = self.next_batch(tile, taken)? {
-                self.render_batch(batch)?;
+                let work = self.place(batch)?;
+                self.render_batch(work)?;
+                self.learn();
                 taken.add(batch, tile.rows * self.plan.width);
                 samples_done += u64::from(batch.paths());
                 if counted.elapsed() > COUNT_INTERVAL {
@@ -549,12 +429,7 @@ impl Session {
             let spare = place.end - place.start - u64::from(pixel_count);
             let first_pixel = (place.start + (aside * spare as f64) as u64) as u32;
             let batch = SampleRange { first_pixel, pixel_count, first_sample: 0, sample_count, film_pixel: 0 };
-            let mut recording = Recording::default();
-            match self.scheduler {
-                Scheduler::Megakernel => megakernel::follow(&mut recording, &self.plan, batch, 0),
-                Scheduler::Wavefront | Scheduler::Bounce => self.advance_from_the_camera(&mut recording, batch)?,
-            }
-            self.submit(&recording, Some(batch))?;
+            self.render_batch(Work { batch, first_slot: 0, resolves: false })?;
             self.executor.wait()?;
             let seconds = self.executor.take_submission_seconds().into_iter().fold(0.0, f64::max);
             self.timed.clear();
@@ -597,83 +472,57 @@ impl Session {
         }
     }
 
-    /// Starts a recording, which ends that batch.
+    /// Submits a recording; the last of a batch names the batch.
     fn submit(&mut self, recording: &Recording, ends: Option<SampleRange>) -> Result<(), GpuError> {
         self.executor.submit(recording)?;
         self.timed.push_back(ends);
         if let Some(tracing) = &mut self.tracing {
-            tracing.expect(ends.is_some() || self.scheduler == Scheduler::Megakernel);
+            tracing.expect(ends.is_some() || !self.schedule.has_queues());
         }
         self.gather_trace();
         Ok(())
     }
 
-    /// Takes a batch from the camera to the film, or to where `resolve` takes it from.
-    fn render_batch(&mut self, batch: SampleRange) -> Result<(), GpuError> {
-        let mut recording = Recording::default();
-        if self.scheduler == Scheduler::Megakernel {
-            let fits = |all: &SampleRange| all.paths() <= self.plan.path_capacity;
-            let mut gathered = self.gathered.and_then(|before| before.with(batch)).filter(fits);
-            if gathered.is_none() {
-                self.resolve()?;
-                gathered = Some(batch);
-            }
-            let first_slot = gathered.map_or(0, |all| all.paths() - batch.paths());
-            megakernel::follow(&mut recording, &self.plan, batch, first_slot);
-            self.gathered = gathered;
-        } else {
-            self.advance_from_the_camera(&mut recording, batch)?;
-            batch::end(&mut recording, &self.plan, batch);
+    /// Where in the path slots a batch goes, and whether it is resolved at once.
+    ///
+    /// Batches of the megakernel share the slots, and one resolve, as long as they fit: between two other kernels lavapipe
+    /// forgets so long a kernel.
+    fn place(&mut self, batch: SampleRange) -> Result<Work, GpuError> {
+        if self.schedule.has_queues() {
+            return Ok(Work { batch, first_slot: 0, resolves: true });
         }
-        self.submit(&recording, Some(batch))?;
-        self.learn();
-        Ok(())
+        let fits = |all: &SampleRange| all.paths() <= self.plan.path_capacity;
+        let gathered = match self.gathered.and_then(|before| before.with(batch)).filter(fits) {
+            Some(gathered) => gathered,
+            None => {
+                self.resolve()?;
+                batch
+            }
+        };
+        self.gathered = Some(gathered);
+        Ok(Work { batch, first_slot: gathered.paths() - batch.paths(), resolves: false })
+    }
+
+    /// Runs the frame of a batch. Where its last bounces were not waited for, they may still be under way.
+    fn render_batch(&mut self, work: Work) -> Result<(), GpuError> {
+        let schedule = self.schedule;
+        let mut frame = Recording::default();
+        schedule.record(&mut frame, work, |frame, bounce| {
+            if bounce == 0 || !bounce.is_multiple_of(BOUNCES_AT_ONCE) || bounce == schedule.vertices() {
+                return Ok(true);
+            }
+            self.submit(&std::mem::take(frame), None)?;
+            Ok(self.control()?.current_rays > 0)
+        })?;
+        self.submit(&frame, Some(work.batch))
     }
 
     /// Adds what the megakernel has gathered to the film.
     fn resolve(&mut self) -> Result<(), GpuError> {
-        let Some(batch) = self.gathered.take() else { return Ok(()) };
+        let Some(samples) = self.gathered.take() else { return Ok(()) };
         let mut recording = Recording::default();
-        megakernel::count(&mut recording, batch);
-        batch::end(&mut recording, &self.plan, batch);
+        self.schedule.resolve(&mut recording, samples);
         self.submit(&recording, None)
-    }
-
-    /// Takes the paths of a batch from the camera to their ends. Leaves the last of that to be submitted.
-    fn advance_from_the_camera(&mut self, recording: &mut Recording, batch: SampleRange) -> Result<(), GpuError> {
-        batch::begin(recording, &self.plan, batch);
-        self.advance_to_the_end(recording, batch)
-    }
-
-    /// Takes every path through its bounces. Leaves the last of them to be submitted.
-    fn advance_to_the_end(&mut self, recording: &mut Recording, range: SampleRange) -> Result<(), GpuError> {
-        // The vertex after the last bounce still finds emission.
-        let vertices = self.settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1));
-        let mut bounce = 0;
-        loop {
-            let bounces = bounce..vertices.min(bounce + BOUNCES_AT_ONCE);
-            bounce = bounces.end;
-            self.advance(recording, range, bounces);
-            if bounce == vertices {
-                return Ok(());
-            }
-            self.submit(&std::mem::take(recording), None)?;
-            if self.control()?.current_rays == 0 {
-                return Ok(());
-            }
-        }
-    }
-
-    /// Takes the queued paths through the bounces.
-    pub(super) fn advance(&self, recording: &mut Recording, range: SampleRange, bounces: Range<u32>) {
-        let packets = self.settings.packets.unwrap_or_default();
-        match self.scheduler {
-            Scheduler::Wavefront => {
-                wavefront::advance(recording, self.settings.sort, packets, self.connects, range, bounces);
-            }
-            Scheduler::Bounce => bounce::advance(recording, packets, self.connects, range, bounces),
-            Scheduler::Megakernel => unreachable!("the megakernel queues no paths"),
-        }
     }
 
     pub(super) fn control(&mut self) -> Result<Control, GpuError> {
@@ -790,133 +639,6 @@ impl Session {
     }
 }
 
-/// Sums of rows of a tile's film, from its top, in the scene's radiance.
-fn moments<'a>(
-    film: &'a [FilmPixel],
-    bands: &'a [Band],
-    width: u32,
-    radiance_scale: f64,
-) -> impl Iterator<Item = FilmMoments> + 'a {
-    let (scale, mut rest) = (radiance_scale, film);
-    bands.iter().map(move |band| {
-        let (pixels, below) = rest.split_at((band.rows * width) as usize);
-        rest = below;
-        FilmMoments {
-            width,
-            height: band.rows,
-            samples: band.samples.into(),
-            sum: pixels.par_iter().map(|p| total(p.sum, p.sum_compensation, scale)).collect(),
-            sum_of_squares: pixels
-                .par_iter()
-                .map(|p| total(p.squares, p.squares_compensation, scale * scale))
-                .collect(),
-        }
-    })
-}
-
-/// What the host keeps of a render, so that it can go on from there in another session, or end with it, should its
-/// device be lost.
-#[derive(Debug)]
-pub struct Kept {
-    /// Time between two looks at the device's film, at least; each takes up to a hundredth of that.
-    every: Duration,
-    at: Instant,
-    /// Time that the last look took.
-    cost: Duration,
-    /// First row of the tile under way, and the samples that it has.
-    first_row: u32,
-    taken: Taken,
-    /// Its film; empty where it has no samples.
-    film: Vec<FilmPixel>,
-    control: Control,
-    /// Of all tiles, with the bands of those that were handed over; `None` before the first look.
-    statistics: Option<Statistics>,
-    width: u32,
-    radiance_scale: f64,
-}
-
-impl Default for Kept {
-    fn default() -> Self {
-        Self::every(Self::EVERY)
-    }
-}
-
-impl Kept {
-    /// Time between two looks at the film where the user does not say.
-    pub const EVERY: Duration = Duration::from_secs(5);
-
-    /// Nothing so far. The film is looked at so often, if a look takes less than a hundredth of that.
-    pub fn every(every: Duration) -> Self {
-        Self {
-            every,
-            at: Instant::now(),
-            cost: Duration::ZERO,
-            first_row: 0,
-            taken: Taken::default(),
-            film: Vec::new(),
-            control: bytemuck::Zeroable::zeroed(),
-            statistics: None,
-            width: 0,
-            radiance_scale: 1.0,
-        }
-    }
-
-    /// Samples that were kept, over all pixels.
-    pub fn sample_count(&self) -> u64 {
-        self.statistics.as_ref().map_or(0, |statistics| statistics.sample_count)
-    }
-
-    fn is_due(&self) -> bool {
-        self.at.elapsed() >= self.every.max(100 * self.cost)
-    }
-
-    fn keep(&mut self, first_row: u32, taken: Taken, film: Vec<FilmPixel>, control: Control, statistics: Statistics) {
-        (self.first_row, self.taken, self.film, self.control) = (first_row, taken, film, control);
-        (self.statistics, self.at) = (Some(statistics), Instant::now());
-    }
-
-    /// Ends a render with what was kept: hands the rows of the tile under way to `finished`. `None` where nothing was.
-    pub fn end(self, finished: impl FnMut(FilmMoments)) -> Option<Statistics> {
-        let mut statistics = self.statistics?;
-        if !self.film.is_empty() {
-            // The tile has as many rows as its film.
-            let rows = (self.film.len() / self.width as usize) as u32;
-            let bands = self.taken.bands(Tile { first_row: self.first_row, rows }, self.width);
-            moments(&self.film, &bands, self.width, self.radiance_scale).for_each(finished);
-            statistics.bands.extend(bands);
-            statistics.rows = statistics.bands.iter().map(|band| band.rows).sum();
-            statistics.samples = statistics.bands.iter().map(|band| band.samples).min().unwrap_or(0);
-        }
-        (statistics.rows > 0).then_some(statistics)
-    }
-}
-
-/// A compensated sum, in the scene's units.
-fn total(value: [f32; 4], compensation: [f32; 4], scale: f64) -> DVec3 {
-    DVec3::from_array(std::array::from_fn(|i| (f64::from(value[i]) + f64::from(compensation[i])) / scale))
-}
-
-/// Kernels of a render.
-pub(super) fn kernels(scheduler: Scheduler, settings: &Settings, needs: &Needs) -> Vec<&'static str> {
-    let connects = connects(scheduler, settings, needs);
-    let packets = settings.packets.unwrap_or_default();
-    match scheduler {
-        Scheduler::Wavefront => wavefront::kernels(settings.sort, packets, connects),
-        Scheduler::Bounce => bounce::kernels(packets, connects),
-        Scheduler::Megakernel => megakernel::KERNELS.to_vec(),
-    }
-}
-
-/// Whether shadow rays wait in a queue for `connect`: there are some, and they are not traced where they arise.
-fn connects(scheduler: Scheduler, settings: &Settings, needs: &Needs) -> bool {
-    needs.shadows
-        && match scheduler {
-            Scheduler::Wavefront => true,
-            Scheduler::Bounce => settings.shadow_rays == ShadowRays::Deferred,
-            Scheduler::Megakernel => false,
-        }
-}
-
 /// What a plan must know of a device.
 pub(super) fn limits(device: &Device) -> DeviceLimits {
     let description = device.description();
@@ -965,61 +687,4 @@ pub(super) fn open_executor(
         },
     )?;
     Ok(executor)
-}
-
-/// Rays after the camera's, and shadow rays, over all bounces.
-fn scattered_rays(counts: &[RayCount]) -> (u64, u64) {
-    (counts.iter().skip(1).map(RayCount::rays).sum(), counts.iter().map(RayCount::shadow_rays).sum())
-}
-
-/// Buffers that the scene fills.
-pub fn scene_buffers<'a>(
-    scene: &'a PreparedScene,
-    settings: &Settings,
-    frame: &'a Frame,
-) -> impl Iterator<Item = BufferRole<'a>> {
-    let bytes = bytemuck::cast_slice::<Frame, u8>(std::slice::from_ref(frame));
-    let uniform =
-        BufferRole { name: "frame", usage: BufferUse::Uniform, size: bytes.len() as u64, contents: Some(bytes) };
-    let data = |SceneBuffer { name, texel_bytes, contents, size }| BufferRole {
-        name,
-        usage: BufferUse::Scene { texel_bytes },
-        size,
-        contents: (!contents.is_empty()).then_some(contents),
-    };
-    std::iter::once(uniform).chain(scene.buffers(settings.specialize).into_iter().map(data))
-}
-
-/// Buffers with a record for each path in flight, or of stacks for each invocation: bytes of a record.
-pub(super) fn path_records(sort: Sort, needs: &Needs) -> [(&'static str, u64); 11] {
-    [
-        // Two halves, but for paths that go on nowhere.
-        ("ray_queue", if needs.scatters { 8 } else { 4 }),
-        ("ray_origins", 16),
-        ("ray_directions", 16),
-        ("throughputs", 16),
-        ("radiances", 16),
-        ("hits", 16),
-        ("shadow_origins", 16),
-        ("shadow_directions", 16),
-        ("shadow_radiances", 16),
-        ("stack_blocks", needs.stack_bytes(1)),
-        ("sorted_rays", if sort == Sort::None { 0 } else { 4 }),
-    ]
-}
-
-/// Buffers of the paths in flight and of the film.
-fn path_buffers<'a>(plan: &Plan, sort: Sort, needs: &Needs) -> impl Iterator<Item = BufferRole<'a>> {
-    let state = |name, size| BufferRole { name, usage: BufferUse::State, size, contents: None };
-    let records_of = |name| if name == "stack_blocks" { plan.stacks() } else { u64::from(plan.path_capacity) };
-    // Kernels that do not sort bind one entry of the sorted queue, and never read it.
-    let records = path_records(sort, needs).map(|(name, bytes)| state(name, (bytes * records_of(name)).max(16)));
-    let shared = [
-        state("control", size_of::<Control>() as u64),
-        state("bins", size_of::<Bins>() as u64),
-        state("work_counts", u64::from(STAGES * COUNTED_BOUNCES) * size_of::<WorkCount>() as u64),
-        state("ray_counts", u64::from(COUNTED_BOUNCES) * size_of::<RayCount>() as u64),
-        state("film", plan.film_bytes()),
-    ];
-    records.into_iter().chain(shared)
 }
