@@ -46,7 +46,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("main", &[]),
     ("oracle", &["render", "scene"]),
     ("rays", &["constants", "whole_file"]),
-    ("recording", &["layout"]),
+    ("recording", &["shaders"]),
     (
         "render",
         &[

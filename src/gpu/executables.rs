@@ -111,7 +111,7 @@ pub(super) fn compiled_kernels(
     let pipelines = Pipelines::to_be_described(shared, kernels, specialization)?;
     let loader = khr::pipeline_executable_properties::Device::new(&shared.instance.raw, &shared.raw);
     let compiled = pipelines.names().into_iter().map(|kernel| {
-        let (pipeline, _) = pipelines.get(kernel);
+        let pipeline = pipelines.get(kernel).pipeline;
         Ok(CompiledKernel { kernel, executables: executables(shared, &loader, pipeline)? })
     });
     compiled.collect::<Result<_, _>>().map(Some)

@@ -2,7 +2,7 @@
 //! device.
 
 use super::error::GpuError;
-use super::executor::{BufferRole, BufferUse};
+use super::roles::{BufferRole, BufferUse};
 
 /// What decides whether buffers fit.
 #[derive(Debug, Clone, Copy)]

@@ -12,6 +12,7 @@ use crate::constants::NO_TRIANGLE;
 use crate::gpu::GpuError;
 use crate::rays::{RayClass, RayOrder, RayRecord};
 use crate::recording::Recording;
+use crate::shaders::buffers;
 
 /// Rays of one queue of one batch.
 #[derive(Debug, Clone)]
@@ -22,6 +23,14 @@ pub struct QueuedRays {
     pub left_out: u64,
     /// Pixels and samples that they belong to.
     pub batch: SampleRange,
+}
+
+/// The buffers that hold the two halves of queued rays.
+pub(super) fn ray_buffers(class: RayClass) -> [&'static str; 2] {
+    match class {
+        RayClass::Camera | RayClass::Bounce => [buffers::RAY_ORIGINS, buffers::RAY_DIRECTIONS],
+        RayClass::Shadow => [buffers::SHADOW_ORIGINS, buffers::SHADOW_DIRECTIONS],
+    }
 }
 
 /// The unit vector in 48 bits, as `decode_direction` of `halves.glsl` has it but for rounding.
@@ -67,8 +76,7 @@ impl Session {
         schedule.record(&mut Recording::default(), work, |frame, recorded| {
             // Shadow rays of a bounce are queued while it is shaded, the others by the bounce before.
             let Some(at) = recorded.checked_sub(shadow.into()) else { return Ok(true) };
-            self.executor.submit(&std::mem::take(frame))?;
-            let control = self.control()?;
+            let (control, _) = self.run_part(frame)?;
             count = if shadow { control.current_shadow_rays } else { control.current_rays };
             if count > 0 {
                 last = Some(at);
@@ -83,8 +91,9 @@ impl Session {
         if order == RayOrder::Slot {
             places = self.in_slot_order(&places);
         }
-        let names = if shadow { ["shadow_origins", "shadow_directions"] } else { ["ray_origins", "ray_directions"] };
-        let [origins, directions] = [self.texels(names[0])?, self.texels(names[1])?];
+        let [origins, directions] = ray_buffers(class);
+        let origins: Vec<[u32; 4]> = self.read(origins, self.plan.path_capacity)?;
+        let directions: Vec<[u32; 4]> = self.read(directions, self.plan.path_capacity)?;
         let halves = !shadow && self.settings.path_state == PathState::F16;
         let original = |place: u32| match place {
             NO_TRIANGLE => NO_TRIANGLE,
@@ -111,12 +120,12 @@ impl Session {
     /// Path slot and place in the buffers of each ray, in the order of the queue.
     fn places(&mut self, shadow: bool, bounce: u32, count: u32) -> Result<Vec<(u32, u32)>, GpuError> {
         if shadow {
-            let radiances = self.texels("shadow_radiances")?;
+            let radiances: Vec<[u32; 4]> = self.read(buffers::SHADOW_RADIANCES, count)?;
             return Ok(radiances.iter().zip(0..count).map(|([.., slot], place)| (*slot, place)).collect());
         }
-        let queue: Vec<u32> = bytemuck::pod_collect_to_vec(&self.executor.read("ray_queue")?);
-        let half = ((bounce & 1) * self.plan.path_capacity) as usize;
-        Ok(queue[half..half + count as usize].iter().map(|slot| (*slot, *slot)).collect())
+        let half = (bounce & 1) * self.plan.path_capacity;
+        let queue: Vec<u32> = self.read(buffers::RAY_QUEUE, half + count)?;
+        Ok(queue[half as usize..].iter().map(|slot| (*slot, *slot)).collect())
     }
 
     /// The rays by their path slots, of which each has one alone.
@@ -124,13 +133,5 @@ impl Session {
         let mut by_slot = vec![None; self.plan.path_capacity as usize];
         places.iter().for_each(|&(slot, place)| by_slot[slot as usize] = Some((slot, place)));
         by_slot.into_iter().flatten().collect()
-    }
-
-    /// The words of a buffer of path state.
-    fn texels(&mut self, name: &str) -> Result<Vec<[u32; 4]>, GpuError> {
-        let bytes = u64::from(self.plan.path_capacity) * size_of::<[u32; 4]>() as u64;
-        let mut words = Vec::with_capacity(self.plan.path_capacity as usize);
-        self.executor.visit(name, bytes, |_, part| words.extend_from_slice(bytemuck::cast_slice(part)))?;
-        Ok(words)
     }
 }

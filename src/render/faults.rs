@@ -10,6 +10,7 @@ use super::statistics::Statistics;
 use crate::gpu::Device;
 use crate::layout::FilmPixel;
 use crate::recording::Recording;
+use crate::shaders::buffers;
 
 /// A sample that was not finite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,11 +69,11 @@ impl Session {
         let work = Work { batch, first_slot: 0, resolves: false };
         schedule.record(&mut Recording::default(), work, |frame, recorded| {
             let Some(bounce) = recorded.checked_sub(1) else { return Ok(true) };
-            self.executor.submit(&std::mem::take(frame))?;
-            let radiances: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.executor.read("radiances")?);
-            let is_finite = radiances[0][..3].iter().all(|channel| channel.is_finite());
+            let (control, found) = self.run_part(frame.download(buffers::RADIANCES))?;
+            let [r, g, b, _]: [f32; 4] = bytemuck::pod_read_unaligned(&found[0][..16]);
+            let is_finite = [r, g, b].iter().all(|channel| channel.is_finite());
             spoiling = (!is_finite).then_some(bounce);
-            Ok::<_, RenderError>(is_finite && self.control()?.current_rays > 0)
+            Ok::<_, RenderError>(is_finite && control.current_rays > 0)
         })?;
         Ok(spoiling)
     }

@@ -12,7 +12,7 @@ use super::settings::{RouletteMode, Scheduler, Settings};
 use crate::bvh::BvhKind;
 use crate::constants::*;
 use crate::scene::{Integrator, Sampler};
-use crate::shaders::{self, Access, Arithmetic, Build, Edition, Promises};
+use crate::shaders::{Access, Arithmetic, Build, Edition, Promises};
 
 /// Kernels and buffers of a render.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -68,10 +68,10 @@ impl Footprint {
         let mut bound = HashSet::new();
         let mut instructions = Vec::new();
         let scheduler = defaults.scheduler(settings, scene.levels());
-        for name in Schedule::new(scheduler, settings, needs, &plan).kernels() {
-            let kernel = shaders::kernel(name).variant(Edition::Plain, access).specialize(&build);
-            bound.extend(kernel.bindings.iter().map(|binding| binding.name));
-            instructions.push((name, kernel.instructions));
+        for kernel in Schedule::new(scheduler, settings, needs, &plan).kernels() {
+            let specialized = kernel.variant(Edition::Plain, access).specialize(&build);
+            bound.extend(specialized.bindings.iter().map(|binding| binding.name));
+            instructions.push((kernel.name, specialized.instructions));
         }
         // What a scene has no data for is as long as if every triangle had some.
         let scene_bytes = scene.buffers(false).into_iter().map(|buffer| (buffer.name, buffer.size));

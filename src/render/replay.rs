@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::dump::ray_buffers;
 use super::error::RenderError;
 use super::plan::{Plan, SampleRange};
 use super::prepare::PreparedScene;
@@ -23,6 +24,7 @@ use crate::gpu::{Device, DeviceKind, Executor, GpuError};
 use crate::layout::{Control, WorkCount};
 use crate::rays::{RayClass, RayRecord};
 use crate::recording::Recording;
+use crate::shaders::{Kernel, buffers};
 
 /// Bytes of half a ray, and of an answer.
 const RECORD_BYTES: usize = 16;
@@ -71,7 +73,7 @@ pub struct Replay<'a> {
     executor: Executor,
     plan: Plan,
     frozen: Arc<FrozenRays<'a>>,
-    kernel: &'static str,
+    kernel: &'static Kernel,
     repeat: u32,
     /// The part of a round that lies in the slots.
     loaded: Option<Range<u64>>,
@@ -173,7 +175,8 @@ impl<'a> Replay<'a> {
             replay.load(&part)?;
             replay.launch(rays_of(&part), 1)?;
         }
-        let counts: Vec<WorkCount> = bytemuck::pod_collect_to_vec(&replay.executor.read("work_counts")?);
+        let found = replay.executor.run(Recording::default().download(buffers::WORK_COUNTS))?;
+        let counts: Vec<WorkCount> = bytemuck::pod_collect_to_vec(&found[0]);
         Ok(counts[if class == RayClass::Shadow { STAGE_CONNECT } else { STAGE_EXTEND } as usize])
     }
 
@@ -195,9 +198,10 @@ impl<'a> Replay<'a> {
         if class == RayClass::Shadow {
             let one = 1.0_f32.to_bits();
             let radiances: Vec<_> = slots.map(|slot| [one, one, one, slot]).collect();
-            executor.write("shadow_radiances", bytemuck::cast_slice(&radiances))?;
+            executor.run(Recording::default().upload(buffers::SHADOW_RADIANCES, bytemuck::cast_slice(&radiances)))?;
         } else {
-            executor.write("ray_queue", bytemuck::cast_slice(&slots.collect::<Vec<_>>()))?;
+            let slots: Vec<_> = slots.collect();
+            executor.run(Recording::default().upload(buffers::RAY_QUEUE, bytemuck::cast_slice(&slots)))?;
         }
         Ok(Self {
             executor,
@@ -233,7 +237,7 @@ impl<'a> Replay<'a> {
         let expected = frozen.expected();
         let rays = frozen.rays.len() as u64;
         let mut outcome = ReplayOutcome {
-            kernel: self.kernel,
+            kernel: self.kernel.name,
             rays: rays * u64::from(self.repeat),
             hits: 0,
             checked: expected.len() as u64,
@@ -248,11 +252,11 @@ impl<'a> Replay<'a> {
         let mut found = Vec::new();
         for part in self.parts() {
             self.load(&part)?;
-            self.executor.clear(self.answer_buffer())?;
+            self.executor.run(Recording::default().clear(self.answer_buffer()))?;
             // The first launch may compile, so it is not timed.
             self.launch(rays_of(&part), 1)?;
             self.read_answers(rays_of(&part), &mut found)?;
-            let (class, kernel) = (self.frozen.class, self.kernel);
+            let (class, kernel) = (self.frozen.class, self.kernel.name);
             let answer = |at: usize| Answer::of(class, &found[at]);
             let judged = judge(found.len(), answer, expected, part.start, rays);
             judged.map_err(|(ray, found, expected)| RenderError::WrongAnswer {
@@ -266,7 +270,7 @@ impl<'a> Replay<'a> {
             if rounds == 0 {
                 continue;
             }
-            self.executor.clear(self.answer_buffer())?;
+            self.executor.run(Recording::default().clear(self.answer_buffer()))?;
             outcome.warmth.add(&self.warm_up(rays_of(&part))?);
             watch();
             let Launches { seconds, device_clock, idle_seconds } = self.timed(rays_of(&part), rounds)?;
@@ -330,12 +334,9 @@ impl<'a> Replay<'a> {
     fn load(&mut self, part: &Range<u64>) -> Result<(), GpuError> {
         if self.loaded.as_ref() != Some(part) {
             self.loaded = None;
-            let shadow = self.frozen.class == RayClass::Shadow;
-            let names =
-                if shadow { ["shadow_origins", "shadow_directions"] } else { ["ray_origins", "ray_directions"] };
-            let FrozenRays { rays, places, .. } = &*self.frozen;
-            for (half, name) in names.into_iter().enumerate() {
-                self.executor.fill(name, u64::from(rays_of(part)) * RECORD_BYTES as u64, |offset, bytes| {
+            let FrozenRays { class, rays, places, .. } = &*self.frozen;
+            for (half, buffer) in ray_buffers(*class).into_iter().enumerate() {
+                self.executor.fill(buffer, u64::from(rays_of(part)) * RECORD_BYTES as u64, |offset, bytes| {
                     let first = (part.start + offset / RECORD_BYTES as u64) as usize;
                     let slots: &mut [[u32; 4]] = bytemuck::cast_slice_mut(bytes);
                     slots.par_chunks_mut(PACKED).enumerate().for_each(|(i, slots)| {
@@ -351,7 +352,7 @@ impl<'a> Replay<'a> {
             let count = rays_of(part);
             let none: Control = bytemuck::Zeroable::zeroed();
             let control = Control { current_rays: count, current_shadow_rays: count, ..none };
-            self.executor.write("control", bytemuck::bytes_of(&control))?;
+            self.executor.run(Recording::default().upload(buffers::CONTROL, bytemuck::bytes_of(&control)))?;
             self.loaded = Some(part.clone());
         }
         Ok(())
@@ -391,13 +392,13 @@ impl<'a> Replay<'a> {
         for first in (0..times).step_by(at_once) {
             let mut recording = Recording::default();
             for _ in first..times.min(first + at_once) {
-                recording.dispatch(self.kernel, self.plan.groups(count), batch.at_bounce(0));
+                recording.dispatch(self.kernel, self.plan.groups(count), &batch.at_bounce(0));
             }
             let start = Instant::now();
             self.executor.submit(&recording)?;
             if !self.executor.has_clock() {
                 self.executor.wait()?;
-                let launches = recording.passes.len();
+                let launches = recording.commands.len();
                 host_seconds.extend(vec![start.elapsed().as_secs_f64() / launches as f64; launches]);
             }
         }
@@ -413,21 +414,25 @@ impl<'a> Replay<'a> {
 
     /// The buffer that the kernel writes.
     fn answer_buffer(&self) -> &'static str {
-        if self.frozen.class == RayClass::Shadow { "radiances" } else { "hits" }
+        if self.frozen.class == RayClass::Shadow { buffers::RADIANCES } else { buffers::HITS }
     }
 
     /// Reads what the kernel wrote of the rays in the slots since the buffer was cleared.
     fn read_answers(&mut self, count: u32, words: &mut Vec<[u32; 4]>) -> Result<(), GpuError> {
         words.clear();
         let bytes = u64::from(count) * RECORD_BYTES as u64;
-        self.executor.visit(self.answer_buffer(), bytes, |_, part| words.extend_from_slice(bytemuck::cast_slice(part)))
+        let mut recording = Recording::default();
+        recording.download_first(self.answer_buffer(), bytes);
+        self.executor.run_seen(&recording, |_, _, part| words.extend_from_slice(bytemuck::cast_slice(part)))
     }
 
     /// The first of the answers in the slots that is another than it was, and what it is now.
     fn first_change(&mut self, before: &[[u32; 4]]) -> Result<Option<(usize, Answer)>, GpuError> {
         let (class, bytes) = (self.frozen.class, size_of_val(before) as u64);
         let mut change = None;
-        self.executor.visit(self.answer_buffer(), bytes, |offset, part| {
+        let mut recording = Recording::default();
+        recording.download_first(self.answer_buffer(), bytes);
+        self.executor.run_seen(&recording, |_, offset, part| {
             let now: &[[u32; 4]] = bytemuck::cast_slice(part);
             let first = offset as usize / RECORD_BYTES;
             let before = &before[first..][..now.len()];
@@ -506,7 +511,7 @@ fn on_cpu(scene: &PreparedScene, class: RayClass, record: &RayRecord) -> Answer 
 }
 
 /// The kernel that traces rays of a class.
-fn kernel_of(settings: &Settings, class: RayClass) -> &'static str {
+fn kernel_of(settings: &Settings, class: RayClass) -> &'static Kernel {
     let packets = settings.packets.unwrap_or_default();
     match class {
         RayClass::Camera | RayClass::Bounce => extend_kernel(packets, class),

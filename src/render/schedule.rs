@@ -12,7 +12,8 @@ use super::prepare::Needs;
 use super::settings::{Packets, Scheduler, Settings, ShadowRays, Sort};
 use crate::layout::{Batch, Control};
 use crate::rays::RayClass;
-use crate::recording::{Pass, Recording};
+use crate::recording::Recording;
+use crate::shaders::{Kernel, buffers, kernels};
 
 /// A batch of paths, and where their radiance goes.
 #[derive(Debug, Clone, Copy)]
@@ -40,9 +41,9 @@ pub struct Schedule {
     plan: Plan,
 }
 
-/// Where `prepare_dispatch` leaves the workgroups of a launch over all rays of a queue, in bytes of `control`.
-const RAYS: usize = offset_of!(Control, ray_groups);
-const SHADOW_RAYS: usize = offset_of!(Control, shadow_groups);
+/// Where `prepare_dispatch` leaves how many workgroups a launch over the rays of a queue has: a buffer, and the byte in it.
+const RAYS: (&str, usize) = (buffers::CONTROL, offset_of!(Control, ray_groups));
+const SHADOW_RAYS: (&str, usize) = (buffers::CONTROL, offset_of!(Control, shadow_groups));
 
 impl Schedule {
     /// The frame of a scheduler, for kernels that have what the render needs.
@@ -114,7 +115,7 @@ impl Schedule {
     }
 
     /// The kernels that frames run, each once.
-    pub fn kernels(&self) -> Vec<&'static str> {
+    pub fn kernels(&self) -> Vec<&'static Kernel> {
         // Camera rays and those after a bounce may be traced by different kernels.
         let short = Self { vertices: self.vertices.min(2), ..*self };
         let one = SampleRange { first_pixel: 0, pixel_count: 1, first_sample: 0, sample_count: 1, film_pixel: 0 };
@@ -122,10 +123,9 @@ impl Schedule {
         let work = Work { batch: one, first_slot: 0, resolves: true };
         let Ok(()) = short.record(&mut recording, work, |_, _| Ok::<_, Infallible>(true));
         let mut kernels = Vec::new();
-        for pass in recording.passes {
-            let (Pass::Dispatch { kernel, .. } | Pass::DispatchIndirect { kernel, .. }) = pass;
-            if !kernels.contains(&kernel) {
-                kernels.push(kernel);
+        for dispatch in recording.dispatches() {
+            if !kernels.iter().any(|kernel: &&Kernel| kernel.name == dispatch.kernel.name) {
+                kernels.push(dispatch.kernel);
             }
         }
         kernels
@@ -152,56 +152,56 @@ impl Schedule {
         if !self.has_queues() {
             self.prepare(frame, samples.at_bounce(1));
         }
-        frame.dispatch("resolve", self.plan.groups(samples.pixel_count), samples.at_bounce(0));
+        frame.dispatch(kernels::RESOLVE, self.plan.groups(samples.pixel_count), &samples.at_bounce(0));
     }
 
     /// Starts a path in every slot and queues its camera ray.
     fn generate(&self, frame: &mut Recording, batch: SampleRange) {
-        frame.dispatch("generate", self.plan.groups(batch.paths()), batch.at_bounce(0));
+        frame.dispatch(kernels::GENERATE, self.plan.groups(batch.paths()), &batch.at_bounce(0));
         self.prepare(frame, batch.at_bounce(0));
     }
 
     /// Finds the closest hit of every queued ray.
     fn extend(&self, frame: &mut Recording, batch: Batch) {
-        frame.dispatch_indirect(extend_kernel(self.packets, class_at(batch.bounce)), RAYS, batch);
+        frame.dispatch_indirect(extend_kernel(self.packets, class_at(batch.bounce)), RAYS, &batch);
     }
 
     /// Orders the queued rays by the kind of surface that they hit, if the render sorts.
     fn sort(&self, frame: &mut Recording, batch: Batch) {
         if self.sort == Sort::Material {
-            frame.dispatch_indirect("count_bins", RAYS, batch);
-            frame.dispatch("place_bins", 1, batch);
-            frame.dispatch_indirect("sort_rays", RAYS, batch);
+            frame.dispatch_indirect(kernels::COUNT_BINS, RAYS, &batch);
+            frame.dispatch(kernels::PLACE_BINS, 1, &batch);
+            frame.dispatch_indirect(kernels::SORT_RAYS, RAYS, &batch);
         }
     }
 
     /// At every hit, adds emission, queues a shadow ray (next-event estimation), samples the BSDF and queues the next ray.
     fn shade(&self, frame: &mut Recording, batch: Batch) {
-        frame.dispatch_indirect("shade", RAYS, batch);
+        frame.dispatch_indirect(kernels::SHADE, RAYS, &batch);
     }
 
     /// Extend and shade in one kernel, which keeps the hit in registers.
     fn extend_and_shade(&self, frame: &mut Recording, batch: Batch) {
         let in_packets = self.packets.has(class_at(batch.bounce));
-        frame.dispatch_indirect(if in_packets { "bounce_packets" } else { "bounce" }, RAYS, batch);
+        frame.dispatch_indirect(if in_packets { kernels::BOUNCE_PACKETS } else { kernels::BOUNCE }, RAYS, &batch);
     }
 
     /// Swaps the halves of the ray queue, sizes the launches over the queues and counts their rays.
     fn prepare(&self, frame: &mut Recording, batch: Batch) {
-        frame.dispatch("prepare_dispatch", 1, batch);
+        frame.dispatch(kernels::PREPARE_DISPATCH, 1, &batch);
     }
 
     /// Traces the queued shadow rays, if there are any, and adds the radiance of those that are not occluded.
     fn connect(&self, frame: &mut Recording, batch: Batch) {
         if self.casts_shadows && self.queues_shadow_rays {
-            frame.dispatch_indirect(connect_kernel(self.packets), SHADOW_RAYS, batch);
+            frame.dispatch_indirect(connect_kernel(self.packets), SHADOW_RAYS, &batch);
         }
     }
 
     /// Follows every path from the camera to its end, in registers.
     fn follow_paths(&self, frame: &mut Recording, Work { batch, first_slot, .. }: Work) {
         let groups = self.plan.groups(self.plan.invocations(batch.paths()));
-        frame.dispatch("megakernel", groups, Batch { first_slot, ..batch.at_bounce(0) });
+        frame.dispatch(kernels::MEGAKERNEL, groups, &Batch { first_slot, ..batch.at_bounce(0) });
     }
 }
 
@@ -211,18 +211,19 @@ fn class_at(bounce: u32) -> RayClass {
 }
 
 /// The kernel that finds the closest hits of rays of a class.
-pub fn extend_kernel(packets: Packets, class: RayClass) -> &'static str {
-    if packets.has(class) { "extend_packets" } else { "extend" }
+pub fn extend_kernel(packets: Packets, class: RayClass) -> &'static Kernel {
+    if packets.has(class) { kernels::EXTEND_PACKETS } else { kernels::EXTEND }
 }
 
 /// The kernel that traces shadow rays.
-pub fn connect_kernel(packets: Packets) -> &'static str {
-    if packets.has(RayClass::Shadow) { "connect_packets" } else { "connect" }
+pub fn connect_kernel(packets: Packets) -> &'static Kernel {
+    if packets.has(RayClass::Shadow) { kernels::CONNECT_PACKETS } else { kernels::CONNECT }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::{Dispatch, Workgroups};
     use crate::scene::Scene;
 
     const BATCH: SampleRange =
@@ -243,19 +244,24 @@ mod tests {
         let mut recording = Recording::default();
         let work = Work { batch: BATCH, first_slot: 7, resolves: true };
         let Ok(()) = schedule.record(&mut recording, work, |_, bounce| Ok::<_, Infallible>(goes_on(bounce)));
-        let seen = |pass: Pass| match pass {
-            Pass::Dispatch { kernel, batch, .. } => (kernel, batch.bounce, None),
-            Pass::DispatchIndirect { kernel, arguments, batch, of_bounce } => {
-                assert_eq!((batch, of_bounce), (BATCH.at_bounce(batch.bounce), Some(batch.bounce)));
-                (kernel, batch.bounce, Some(arguments))
-            }
+        let seen = |dispatch: &Dispatch| {
+            let batch: Batch = bytemuck::pod_read_unaligned(&dispatch.constants);
+            let arguments = match dispatch.workgroups {
+                Workgroups::Direct(_) => None,
+                Workgroups::Indirect { buffer, offset } => {
+                    assert_eq!((batch, dispatch.bounce), (BATCH.at_bounce(batch.bounce), Some(batch.bounce)));
+                    assert_eq!(buffer, buffers::CONTROL);
+                    Some(offset)
+                }
+            };
+            (dispatch.kernel.name, batch.bounce, arguments)
         };
-        recording.passes.into_iter().map(seen).collect()
+        recording.dispatches().map(seen).collect()
     }
 
     #[test]
     fn each_scheduler_has_its_stages() {
-        let (rays, shadow_rays) = (Some(RAYS as u64), Some(SHADOW_RAYS as u64));
+        let (rays, shadow_rays) = (Some(RAYS.1 as u64), Some(SHADOW_RAYS.1 as u64));
         let begin = [("generate", 0, None), ("prepare_dispatch", 0, None)];
         let end = [("resolve", 0, None)];
         let expected = |bounce: &dyn Fn(u32) -> Vec<_>| [&begin[..], &bounce(0), &bounce(1), &end].concat();
@@ -310,10 +316,9 @@ mod tests {
         let mut recording = Recording::default();
         let work = Work { batch: BATCH, first_slot: 7, resolves: false };
         let Ok(()) = schedule.record(&mut recording, work, |_, _| Ok::<_, Infallible>(true));
+        let seen: Vec<_> = recording.dispatches().map(|pass| (pass.kernel.name, &pass.constants[..])).collect();
         let expected = Batch { first_slot: 7, ..BATCH.at_bounce(0) };
-        let is_it =
-            |pass: &Pass| matches!(pass, Pass::Dispatch { kernel: "megakernel", batch, .. } if *batch == expected);
-        assert!(recording.passes.len() == 1 && is_it(&recording.passes[0]), "{recording:?}");
+        assert_eq!(seen, [("megakernel", bytemuck::bytes_of(&expected))]);
     }
 
     #[test]
@@ -326,7 +331,7 @@ mod tests {
                 let mut recorded: Vec<_> = record(schedule, |_| true).into_iter().map(|(kernel, ..)| kernel).collect();
                 recorded.sort_unstable();
                 recorded.dedup();
-                let mut listed = schedule.kernels();
+                let mut listed: Vec<_> = schedule.kernels().iter().map(|kernel| kernel.name).collect();
                 listed.sort_unstable();
                 assert_eq!(listed, recorded, "{scheduler:?} with packets {text}");
                 let in_packets = recorded.iter().any(|kernel| kernel.ends_with("_packets"));

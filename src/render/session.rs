@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
+use bytemuck::Pod;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -21,9 +22,9 @@ use super::traced::{DeviceTrace, Gathering};
 use crate::bvh::BvhKind;
 use crate::film::{FilmMoments, Image};
 use crate::gpu::{CompiledKernel, Device, Executor, ExecutorDescription, GpuError, Idle};
-use crate::layout::{Control, FilmPixel, RayCount};
+use crate::layout::{Control, FilmPixel, RayCount, WorkCount};
 use crate::recording::Recording;
-use crate::shaders::{self, Access, Arithmetic, Edition, Forms, Library};
+use crate::shaders::{Access, Arithmetic, Edition, Forms, Kernel, Library, buffers};
 
 /// How far a render is.
 #[derive(Debug, Clone, Copy)]
@@ -165,7 +166,8 @@ impl Session {
     pub fn reseed(&mut self, scene: &PreparedScene, seed: u32, samples: u32) -> Result<(), RenderError> {
         self.settings = Settings { seed, samples, ..self.settings };
         let frame = scene.frame(&self.settings, self.plan.path_capacity);
-        Ok(self.executor.write("frame", bytemuck::bytes_of(&frame))?)
+        self.executor.run(Recording::default().upload(buffers::FRAME, bytemuck::bytes_of(&frame)))?;
+        Ok(())
     }
 
     /// Bytes of device memory that the session holds.
@@ -207,7 +209,7 @@ impl Session {
     /// # Errors
     /// When the device fails.
     pub fn keep_trace(&mut self, most_passes: usize) -> Result<(), RenderError> {
-        self.executor.keep_trace("ray_counts", most_passes)?;
+        self.executor.keep_trace(buffers::RAY_COUNTS, most_passes)?;
         self.tracing = Some(Gathering::new(self.schedule.has_queues()));
         Ok(())
     }
@@ -316,7 +318,7 @@ impl Session {
         let (mut counted, mut rays_per_sample) = (start, 1.0);
         for (place, tile) in self.plan.tiles(kept.first_row).enumerate() {
             if place > 0 {
-                self.executor.clear("film")?;
+                self.executor.run(Recording::default().clear(buffers::FILM))?;
             }
             while let Some(batch) = self.next_batch(tile, taken)? {
                 let work = self.place(batch)?;
@@ -325,7 +327,7 @@ impl Session {
                 taken.add(batch, tile.rows * self.plan.width);
                 samples_done += u64::from(batch.paths());
                 if counted.elapsed() > COUNT_INTERVAL {
-                    let (bounce_rays, shadow_rays) = scattered_rays(&self.ray_counts()?);
+                    let (bounce_rays, shadow_rays) = scattered_rays(&self.counts()?.rays);
                     let known = samples_done - self.gathered.map_or(0, |batch| batch.paths().into());
                     rays_per_sample = 1.0 + (bounce_rays + shadow_rays) as f64 / known.max(1) as f64;
                     counted = Instant::now();
@@ -340,8 +342,9 @@ impl Session {
                 if of_rows && kept.is_due() {
                     let begun = Instant::now();
                     let film = self.film(tile)?;
-                    let control = self.control()?;
-                    statistics = self.statistics(&control, &before, &bands, samples_done, start.elapsed())?;
+                    let counts = self.counts()?;
+                    let control = counts.control;
+                    statistics = self.statistics(counts, &before, &bands, samples_done, start.elapsed())?;
                     kept.keep(tile.first_row, taken, film, control, statistics.clone());
                     kept.cost = begun.elapsed();
                 }
@@ -352,8 +355,9 @@ impl Session {
             let rows = taken.bands(tile, self.plan.width);
             finished(self, tile, &rows)?;
             bands.extend(rows);
-            let control = self.control()?;
-            statistics = self.statistics(&control, &before, &bands, samples_done, wall_time)?;
+            let counts = self.counts()?;
+            let control = counts.control;
+            statistics = self.statistics(counts, &before, &bands, samples_done, wall_time)?;
             taken = Taken::default();
             kept.keep(tile.first_row + tile.rows, taken, Vec::new(), control, statistics.clone());
             if ending.is_some() {
@@ -367,19 +371,19 @@ impl Session {
     fn take_up(&mut self, kept: &mut Kept) -> Result<Taken, GpuError> {
         self.clear()?;
         (kept.width, kept.radiance_scale, kept.at) = (self.plan.width, self.radiance_scale, Instant::now());
+        let mut recording = Recording::default();
         if let Some(statistics) = &kept.statistics {
-            self.executor.write("ray_counts", bytemuck::cast_slice(&statistics.ray_counts))?;
+            recording.upload(buffers::RAY_COUNTS, bytemuck::cast_slice(&statistics.ray_counts));
             if self.counting {
-                self.executor.write("work_counts", bytemuck::cast_slice(&statistics.work_counts))?;
+                recording.upload(buffers::WORK_COUNTS, bytemuck::cast_slice(&statistics.work_counts));
             }
-            self.executor.write("control", bytemuck::bytes_of(&kept.control))?;
+            recording.upload(buffers::CONTROL, bytemuck::bytes_of(&kept.control));
+            recording.upload(buffers::FILM, bytemuck::cast_slice(&kept.film));
         }
+        self.executor.run(&recording)?;
         self.gather_trace();
         if let Some(tracing) = &mut self.tracing {
             tracing.begin_render(kept.statistics.as_ref().map_or(&[], |statistics| &statistics.ray_counts));
-        }
-        if !kept.film.is_empty() {
-            self.executor.write("film", bytemuck::cast_slice(&kept.film))?;
         }
         Ok(kept.taken)
     }
@@ -388,23 +392,17 @@ impl Session {
     pub(super) fn clear(&mut self) -> Result<(), GpuError> {
         self.executor.wait()?;
         let _stage = self.executor.stages().begin("clear");
-        self.executor.clear("film")?;
-        self.executor.clear("ray_counts")?;
+        let mut recording = Recording::default();
+        recording.clear(buffers::FILM).clear(buffers::RAY_COUNTS);
         if self.counting {
-            self.executor.clear("work_counts")?;
+            recording.clear(buffers::WORK_COUNTS);
         }
+        self.executor.run(recording.upload(buffers::CONTROL, bytemuck::bytes_of(&empty_queues())))?;
         self.executor.forget_times();
+        self.executor.take_submission_seconds();
         self.timed.clear();
         self.gathered = None;
-        self.clear_control()
-    }
-
-    /// Nothing is queued or counted. Launches that the device sizes have one workgroup in height and depth, which no
-    /// kernel writes.
-    fn clear_control(&mut self) -> Result<(), GpuError> {
-        let mut control: Control = bytemuck::Zeroable::zeroed();
-        (control.ray_groups, control.shadow_groups) = ([0, 1, 1], [0, 1, 1]);
-        self.executor.write("control", bytemuck::bytes_of(&control))
+        Ok(())
     }
 
     /// Looks all over the image what paths cost, by small batches that are in no film, before the first render of a
@@ -416,7 +414,7 @@ impl Session {
         if self.pace.mean() > 0.0 || paths < SAMPLED_RENDER {
             return Ok(());
         }
-        self.clear_control()?;
+        self.executor.run(Recording::default().upload(buffers::CONTROL, bytemuck::bytes_of(&empty_queues())))?;
         let sample_count = self.plan.samples_side_by_side().min(self.settings.samples);
         let (mut size, mut spent) = (SAMPLED_PATHS.min(self.plan.path_capacity), 0.0);
         for sampling in 0..SAMPLINGS {
@@ -475,12 +473,36 @@ impl Session {
     /// Submits a recording; the last of a batch names the batch.
     fn submit(&mut self, recording: &Recording, ends: Option<SampleRange>) -> Result<(), GpuError> {
         self.executor.submit(recording)?;
+        self.expect(ends);
+        Ok(())
+    }
+
+    /// Expects the times of a recording that was just started.
+    fn expect(&mut self, ends: Option<SampleRange>) {
         self.timed.push_back(ends);
         if let Some(tracing) = &mut self.tracing {
             tracing.expect(ends.is_some() || !self.schedule.has_queues());
         }
         self.gather_trace();
-        Ok(())
+    }
+
+    /// Runs the part of a frame that is recorded so far, empties the recording and looks at the queues: their counts, and
+    /// what the recording's own downloads found.
+    pub(super) fn run_part(&mut self, frame: &mut Recording) -> Result<(Control, Vec<Vec<u8>>), GpuError> {
+        frame.download(buffers::CONTROL);
+        let mut found = self.executor.run(&std::mem::take(frame))?;
+        self.expect(None);
+        let control = found.pop().expect("it was the last download");
+        Ok((bytemuck::pod_read_unaligned(&control), found))
+    }
+
+    /// Reads the first `count` records of a buffer, after everything that was submitted.
+    pub(super) fn read<A: Pod>(&mut self, buffer: &'static str, count: u32) -> Result<Vec<A>, GpuError> {
+        let mut recording = Recording::default();
+        recording.download_first(buffer, u64::from(count) * size_of::<A>() as u64);
+        let mut records = Vec::with_capacity(count as usize);
+        self.executor.run_seen(&recording, |_, _, part| records.extend_from_slice(bytemuck::cast_slice(part)))?;
+        Ok(records)
     }
 
     /// Where in the path slots a batch goes, and whether it is resolved at once.
@@ -511,8 +533,7 @@ impl Session {
             if bounce == 0 || !bounce.is_multiple_of(BOUNCES_AT_ONCE) || bounce == schedule.vertices() {
                 return Ok(true);
             }
-            self.submit(&std::mem::take(frame), None)?;
-            Ok(self.control()?.current_rays > 0)
+            Ok(self.run_part(frame)?.0.current_rays > 0)
         })?;
         self.submit(&frame, Some(work.batch))
     }
@@ -525,16 +546,21 @@ impl Session {
         self.submit(&recording, None)
     }
 
-    pub(super) fn control(&mut self) -> Result<Control, GpuError> {
+    /// Reads what the device has counted, after everything that was submitted.
+    fn counts(&mut self) -> Result<Counts, GpuError> {
+        let mut recording = Recording::default();
+        recording.download(buffers::CONTROL).download(buffers::RAY_COUNTS);
+        if self.counting {
+            recording.download(buffers::WORK_COUNTS);
+        }
         self.executor.wait()?;
         let _stage = self.executor.stages().begin("read counts");
-        Ok(bytemuck::pod_read_unaligned(&self.executor.read("control")?))
-    }
-
-    fn ray_counts(&mut self) -> Result<Vec<RayCount>, GpuError> {
-        self.executor.wait()?;
-        let _stage = self.executor.stages().begin("read counts");
-        Ok(bytemuck::pod_collect_to_vec(&self.executor.read("ray_counts")?))
+        let found = self.executor.run(&recording)?;
+        Ok(Counts {
+            control: bytemuck::pod_read_unaligned(&found[0]),
+            rays: bytemuck::pod_collect_to_vec(&found[1]),
+            work: found.get(2).map_or(Vec::new(), |work| bytemuck::pod_collect_to_vec(work)),
+        })
     }
 
     /// Reads the film of the tile under way.
@@ -558,7 +584,9 @@ impl Session {
         let _stage = self.executor.stages().begin("read film");
         // The last tile may have fewer rows than the buffer.
         let bytes = u64::from(tile.rows * self.plan.width) * size_of::<FilmPixel>() as u64;
-        self.executor.visit("film", bytes, |_, part| show(bytemuck::cast_slice(part)))
+        let mut recording = Recording::default();
+        recording.download_first(buffers::FILM, bytes);
+        self.executor.run_seen(&recording, |_, _, part| show(bytemuck::cast_slice(part)))
     }
 
     /// What a render has cost before it begins.
@@ -593,7 +621,7 @@ impl Session {
     /// What a render has cost so far, with what it had cost `before` in another session. Nothing is under way.
     fn statistics(
         &mut self,
-        control: &Control,
+        Counts { control, rays, work }: Counts,
         before: &Statistics,
         bands: &[Band],
         sample_count: u64,
@@ -605,12 +633,7 @@ impl Session {
         let mut nonfinite_traced = control.traced_samples.to_vec();
         nonfinite_traced.truncate(control.nonfinite_samples as usize);
         nonfinite_traced.sort_unstable();
-        let ray_counts = self.ray_counts()?;
-        let (bounce_rays, shadow_rays) = scattered_rays(&ray_counts);
-        let work_counts = match self.counting {
-            true => bytemuck::pod_collect_to_vec(&self.executor.read("work_counts")?),
-            false => Vec::new(),
-        };
+        let (bounce_rays, shadow_rays) = scattered_rays(&rays);
         let mut passes = before.passes.clone();
         for (pass, time) in self.executor.kernel_times() {
             let total = passes.entry(*pass).or_default();
@@ -632,11 +655,26 @@ impl Session {
             gpu_seconds: before.gpu_seconds + self.executor.device_seconds(),
             idle: self.executor.idle(),
             passes,
-            ray_counts,
-            work_counts,
+            ray_counts: rays,
+            work_counts: work,
             ..self.nothing()
         })
     }
+}
+
+/// What the device has counted.
+struct Counts {
+    control: Control,
+    /// By bounce.
+    rays: Vec<RayCount>,
+    /// By bounce and stage, where kernels count; else empty.
+    work: Vec<WorkCount>,
+}
+
+/// Nothing is queued or counted. Launches that the device sizes have one workgroup in height and depth, which no kernel
+/// writes.
+fn empty_queues() -> Control {
+    Control { ray_groups: [0, 1, 1], shadow_groups: [0, 1, 1], ..bytemuck::Zeroable::zeroed() }
 }
 
 /// What a plan must know of a device.
@@ -650,13 +688,13 @@ pub(super) fn limits(device: &Device) -> DeviceLimits {
     }
 }
 
-/// Builds the kernels of those names, with the buffers that they bind.
+/// Builds those kernels, with the buffers that they bind.
 pub(super) fn open_executor(
     device: &Device,
     scene: &PreparedScene,
     settings: &Settings,
     plan: &Plan,
-    names: &[&str],
+    kernels: &[&'static Kernel],
     options: SessionOptions,
 ) -> Result<Executor, RenderError> {
     if settings.packets.unwrap_or_default() != Packets::default() && !device.description().packets() {
@@ -671,11 +709,10 @@ pub(super) fn open_executor(
         Numerics::Portable => Arithmetic::Portable(options.forms.unwrap_or(defaults.forms)),
     };
     let frame = scene.frame(settings, plan.path_capacity);
-    let kernels: Vec<_> = names.iter().map(|name| shaders::kernel(name)).collect();
     let executor = Executor::new(
         device,
         ExecutorDescription {
-            kernels: &kernels,
+            kernels,
             specialization: &scene.specialization(settings, plan),
             buffers: scene_buffers(scene, settings, &frame)
                 .chain(path_buffers(plan, settings.sort, &scene.needs(settings)))
