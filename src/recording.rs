@@ -68,9 +68,9 @@ pub struct Dispatch {
 /// The size of a launch, in one dimension.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Workgroups {
-    /// So many.
+    /// A number that the host knows.
     Direct(u32),
-    /// As many as the device wrote.
+    /// A number that the device wrote.
     Indirect {
         /// The buffer that holds the three counts.
         buffer: &'static str,
@@ -95,7 +95,7 @@ impl Recording {
         self.launch(kernel, Workgroups::Direct(groups), constants)
     }
 
-    /// Appends a launch of as many workgroups as `buffer` says at `offset`, in bytes.
+    /// Appends a launch whose number of workgroups lies in `buffer` at `offset`, in bytes.
     pub fn dispatch_indirect(
         &mut self,
         kernel: &'static Kernel,

@@ -169,6 +169,15 @@ fn vulkan_and_unsafe_code_stay_in_gpu() {
 }
 
 #[test]
+fn of_render_only_session_and_replay_run_anything() {
+    assert_none("an executor in src/render outside session and replay", |line| {
+        let runs =
+            ["session.rs", "replay.rs"].iter().any(|file| line.place.starts_with(&format!("src/render/{file}:")));
+        line.room == "render" && !runs && ["executor", "Executor"].iter().any(|word| line.has(word))
+    });
+}
+
+#[test]
 fn the_command_line_alone_prints() {
     let printers = ["print!", "println!", "eprint!", "eprintln!", "dbg!", "stdout", "stderr"];
     assert_none("output outside src/cli", |line| {

@@ -195,7 +195,7 @@ impl Executor {
         self.times.launches.take().unwrap_or_default()
     }
 
-    /// Keeps from now on what the device does in each submission, for a trace: up to so many launches, and what the
+    /// Keeps from now on what the device does in each submission, for a trace: up to `most_passes` launches, and what the
     /// buffer `counts` holds at the end.
     ///
     /// # Errors
@@ -234,8 +234,8 @@ impl Executor {
         self.pipelines_time
     }
 
-    /// Time that the driver took to build each kernel, by name: that of a processor to make the pipeline, and
-    /// to launch it once, which is when some drivers compile it.
+    /// Time that the driver took to build each kernel, by name: CPU time to make the pipeline, and the time of one launch,
+    /// which is when some drivers compile it.
     pub fn pipeline_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.pipelines.build_times()
     }
@@ -246,8 +246,8 @@ impl Executor {
         std::mem::take(&mut self.times.submission_seconds)
     }
 
-    /// Compiles the kernels once more, in pipelines that are never run, and asks the driver about them: what it keeps for
-    /// its answers might make these slower. `None` where it has none to give.
+    /// Compiles the kernels once more, in pipelines that are never run, and asks the driver about them: capturing
+    /// statistics might slow down those that do run. `None` where the driver has none.
     ///
     /// # Errors
     /// When a kernel cannot be built.
@@ -274,7 +274,7 @@ impl Executor {
     /// When the recording names a kernel or a buffer that the executor does not have, or more bytes than a buffer holds.
     pub fn submit(&mut self, recording: &Recording) -> Result<(), GpuError> {
         let downloads = recording.commands.iter().any(|command| matches!(command, Command::Download { .. }));
-        assert!(!downloads, "what is downloaded has somebody who takes it");
+        assert!(!downloads, "a recording that downloads is run, not submitted");
         self.submit_all(recording, &mut |_, _, _| ())
     }
 
@@ -301,8 +301,12 @@ impl Executor {
     /// # Panics
     /// As [`Executor::submit`].
     pub fn run_seen(&mut self, recording: &Recording, mut show: impl FnMut(usize, u64, &[u8])) -> Result<(), GpuError> {
-        self.submit_all(recording, &mut show)?;
-        self.wait_for_all(&mut show)
+        let ran = self.submit_all(recording, &mut show).and_then(|()| self.wait_for_all(&mut show));
+        if ran.is_err() {
+            // What still comes back belongs to no recording.
+            self.slots.iter_mut().for_each(|slot| slot.downloads.clear());
+        }
+        ran
     }
 
     /// Waits for everything that was submitted.
@@ -395,9 +399,8 @@ impl Executor {
         Ok(())
     }
 
-    /// Makes the driver finish every pipeline by a launch of no workgroup: lavapipe compiles a
-    /// kernel when it is first launched, with its bindings. What the launch took belongs to the
-    /// pipeline's time.
+    /// Makes the driver finish every pipeline by a launch of no workgroup: lavapipe compiles a kernel when it is first
+    /// launched, with its bindings. The launch counts towards the pipeline's build time.
     fn warm_up(&mut self) -> Result<(), GpuError> {
         for name in self.pipelines.names() {
             let pipeline = self.pipelines.get(name).pipeline;

@@ -41,8 +41,8 @@ impl Labels {
         let Some(functions) = &self.0 else { return };
         let name = text(&name.to_string());
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
-        // SAFETY: the object is alive and of this device, and the name a local. It can fail for want of memory alone,
-        // and then only the name is missing.
+        // SAFETY: the object is alive and of this device, and the name a local. It fails only for want of
+        // memory, and then only the name is missing.
         let _ = unsafe { functions.set_debug_utils_object_name(&info) };
     }
 

@@ -1,4 +1,4 @@
-//! Recordings cut into submissions: each has room for so many steps, and carries so many bytes to the device and back.
+//! Recordings cut into submissions, which have room for a number of steps and of bytes to the device and back.
 //! Arithmetic without a device.
 
 use super::hazards::Accesses;
@@ -164,7 +164,7 @@ impl<'a> Cut<'a> {
         (self.uploaded, self.downloaded) = (0, 0);
     }
 
-    /// Takes room for up to so many bytes to the device: where they lie, and how many there is room for.
+    /// Takes room for up to that many bytes to the device: where they lie, and how many of them fit.
     fn upload(&mut self, bytes: u64) -> (u64, u64) {
         if self.is_full() || self.uploaded == self.room.bytes {
             self.next();
@@ -223,7 +223,7 @@ mod tests {
         let mut recording = Recording::default();
         recording.upload("a", &[1; 70]).upload("b", &[2; 70]).download("a").download_first("b", 10).download("a");
         let expected = [
-            // Places are aligned: the second upload has but 0 bytes left behind the 70 of the first.
+            // The next place is a multiple of 64, and there is none left after the 70 bytes.
             vec!["upload a 0 0 70"],
             vec!["upload b 0 0 70", "0: download a 0 0 128"],
             vec!["0: download a 128 0 2", "1: download b 0 64 10"],

@@ -96,7 +96,7 @@ pub(super) struct Tracing {
 }
 
 impl Tracing {
-    /// Keeps up to so many passes, and what the buffer `counts` holds.
+    /// Keeps up to `most_passes` passes, and what the buffer `counts` holds.
     pub fn new(counts: &'static str, most_passes: usize, clock: Clock) -> Self {
         Self { counts, room: most_passes, clock, until: None, submissions: Vec::new() }
     }
@@ -132,7 +132,7 @@ impl Times {
         self.idle = Idle::default();
     }
 
-    /// Notes a submission with launches that took so many seconds by the host's clock. `ticks` are its timestamps, none
+    /// Notes a submission with launches that took `host_seconds` by the host's clock. `ticks` are its timestamps, none
     /// where the device has no clock; `steps` are what it did.
     pub fn note(&mut self, device: &Shared, steps: &[Option<Launched>], ticks: &[u64], host_seconds: f64) {
         let launched = |step: &Option<Launched>| step.map(|launched| (launched.kernel, launched.bounce.unwrap_or(0)));

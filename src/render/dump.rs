@@ -47,7 +47,7 @@ fn decode_direction([low, high]: [u32; 2]) -> [f32; 3] {
 
 impl Session {
     /// Renders the first batch up to a bounce and reads the rays that wait there: those that would be traced after
-    /// so many scattering events, or, of class shadow, those from the surfaces they found.
+    /// that many scattering events or, of class shadow, from the surfaces that those rays hit.
     /// `scene` is the session's own.
     ///
     /// # Errors
@@ -128,7 +128,7 @@ impl Session {
         Ok(queue[half as usize..].iter().map(|slot| (*slot, *slot)).collect())
     }
 
-    /// The rays by their path slots, of which each has one alone.
+    /// The rays in the order of their path slots; each slot has one ray.
     fn in_slot_order(&self, places: &[(u32, u32)]) -> Vec<(u32, u32)> {
         let mut by_slot = vec![None; self.plan.path_capacity as usize];
         places.iter().for_each(|&(slot, place)| by_slot[slot as usize] = Some((slot, place)));

@@ -3,12 +3,15 @@
 use thiserror::Error;
 
 use super::prepare::PrepareError;
+use super::settings::SettingsError;
 use crate::gpu::GpuError;
 
 /// A render that failed.
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum RenderError {
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
     #[error(transparent)]
     Prepare(#[from] PrepareError),
     #[error(transparent)]
@@ -42,6 +45,6 @@ fn of_last(last: Option<u32>) -> String {
     match last {
         Some(0) => "; there are some at bounce 0".to_owned(),
         Some(last) => format!("; there are some up to bounce {last}"),
-        None => ", nor before it; they need --integrator explicit and a light".to_owned(),
+        None => ", nor before it; they need --integrator explicit or mis, and a light".to_owned(),
     }
 }

@@ -1,4 +1,4 @@
-//! Faults: samples that came out NaN or infinite, followed again to the bounce that made them so.
+//! Non-finite samples: those that came out NaN or infinite, traced again to the bounce that made them so.
 
 use super::error::RenderError;
 use super::plan::SampleRange;
@@ -12,7 +12,7 @@ use crate::layout::FilmPixel;
 use crate::recording::Recording;
 use crate::shaders::buffers;
 
-/// A sample that was not finite.
+/// A non-finite sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fault {
     /// Column of the pixel, from the left.
@@ -21,14 +21,14 @@ pub struct Fault {
     pub y: u32,
     /// Number of the sample.
     pub sample: u32,
-    /// Scattering events before the vertex that made it so; `None` if it was finite this time, which a sound device
-    /// does not do.
+    /// Scattering events before the vertex that made it so; `None` if it is finite this time, which only a faulty device
+    /// does.
     pub bounce: Option<u32>,
 }
 
-/// Follows again the samples that a render left out of the film, as many as it noted (up to 16), and finds the bounce
-/// that spoilt each. The wavefront does it whatever scheduler rendered: the paths are the same to the last bit, and its
-/// radiance can be looked at after every bounce. So a render without faults pays nothing for it.
+/// Traces again the samples that a render left out of the film, as many as it noted (up to 16), and finds the bounce at
+/// which each became non-finite. The wavefront does it whatever scheduler rendered: the paths are the same to the last
+/// bit, and their radiance can be read after every bounce. So a render without such samples pays nothing for it.
 ///
 /// # Errors
 /// When the device fails.
@@ -60,7 +60,7 @@ pub fn find_faults(
 }
 
 impl Session {
-    /// Scattering events before the vertex after which the radiance of that sample is no longer finite.
+    /// Scattering events before the vertex after which the radiance of that sample is not finite.
     fn spoiling_bounce(&mut self, first_pixel: u32, first_sample: u32) -> Result<Option<u32>, RenderError> {
         self.clear()?;
         let batch = SampleRange { first_pixel, pixel_count: 1, first_sample, sample_count: 1, film_pixel: 0 };

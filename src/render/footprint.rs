@@ -1,5 +1,5 @@
-//! What a render's kernels and buffers amount to, and what each feature adds to them: read from the
-//! kernels themselves, without a device.
+//! The size of a render's kernels and buffers, and what each feature adds to them: read from the kernels themselves,
+//! without a device.
 
 use std::collections::HashSet;
 
@@ -101,7 +101,7 @@ macro_rules! flag {
     };
 }
 
-/// Gives a kind of environment beside what there is, or takes it.
+/// Adds a kind of environment to what there is, or removes it.
 fn set_environment(subject: &mut Subject, kind: u32, on: bool) {
     let there = &mut subject.needs.features.environment;
     *there = match (on, *there) {

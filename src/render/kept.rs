@@ -34,7 +34,7 @@ pub(super) fn moments<'a>(
     })
 }
 
-/// What the host keeps of a render, so that it can go on from there in another session, or end with it, should its
+/// What the host keeps of a render, so that another session can go on from there, or the render end with it, should the
 /// device be lost.
 #[derive(Debug)]
 pub struct Kept {
@@ -65,7 +65,7 @@ impl Kept {
     /// Time between two looks at the film where the user does not say.
     pub const EVERY: Duration = Duration::from_secs(5);
 
-    /// Nothing so far. The film is looked at so often, if a look takes less than a hundredth of that.
+    /// Nothing so far. The film is read once in that time, or less often where a read takes more than a hundredth of it.
     pub fn every(every: Duration) -> Self {
         Self {
             every,

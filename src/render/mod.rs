@@ -18,6 +18,7 @@ mod kept;
 mod pace;
 mod plan;
 mod prepare;
+mod renderer;
 mod replay;
 mod schedule;
 mod session;
@@ -35,6 +36,7 @@ pub use footprint::{FeatureCost, Footprint, feature_costs};
 pub use kept::Kept;
 pub use plan::{Band, Plan, SampleRange, SceneLevels, Tile};
 pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
+pub use renderer::Renderer;
 pub use replay::{FrozenRays, Replay, ReplayOutcome, distances};
 pub use session::{Ending, Progress, Session, SessionOptions};
 pub use settings::{

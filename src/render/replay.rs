@@ -1,7 +1,7 @@
-//! The replay of frozen rays: one traversal kernel alone, over and over, checked against the CPU and timed.
+//! The replay of frozen rays: one traversal kernel by itself, launched repeatedly, checked against the CPU and timed.
 //!
 //! An invocation traces one ray, so the rounds after which a driver may leave an invocation's loops (see
-//! [`RenderError::CutLoops`]) are spent on that ray alone and never add up over a launch, whatever its size. A ray that
+//! [`RenderError::CutLoops`]) are spent on one ray and never add up over a launch, whatever its size. A ray that
 //! needs more of them gets a wrong answer, as it would in a render, and the check against the CPU is there to find it.
 
 use std::ops::Range;
@@ -97,7 +97,7 @@ pub struct ReplayOutcome {
     pub checked: u64,
     /// Seconds of each round.
     pub seconds: Vec<f64>,
-    /// Whether the device's clock told them; else the host's did, around each launch.
+    /// Whether they are by the device's clock; else by the host's, around each launch.
     pub device_clock: bool,
     /// How the device was warmed up before.
     pub warmth: Warmth,
@@ -115,7 +115,7 @@ pub struct ReplayOutcome {
 struct Launches {
     /// Of each.
     seconds: Vec<f64>,
-    /// Whether the device's clock told them.
+    /// Whether they are by the device's clock.
     device_clock: bool,
     /// Between them, in all.
     idle_seconds: Option<f64>,
@@ -290,7 +290,7 @@ impl<'a> Replay<'a> {
         Ok(outcome)
     }
 
-    /// Traces all rays and tells how many seconds that takes: of as many times as fill some milliseconds, the mean. The
+    /// Traces all rays and returns the seconds that it took: the mean over as many times as fill some milliseconds. The
     /// answers are not looked at: [`Replay::run`] checks them.
     ///
     /// # Errors
@@ -381,7 +381,7 @@ impl<'a> Replay<'a> {
         Ok(launches)
     }
 
-    /// Traces the rays in the slots so many times.
+    /// Traces the rays in the slots `times` times.
     fn launch(&mut self, count: u32, times: usize) -> Result<Launches, GpuError> {
         // The kernels read the half of the queue that bounce 0 reads.
         let batch = SampleRange { first_pixel: 0, pixel_count: count, first_sample: 0, sample_count: 1, film_pixel: 0 };
@@ -404,8 +404,8 @@ impl<'a> Replay<'a> {
         }
         self.executor.wait()?;
         let device_clock = self.executor.has_clock();
-        let told = self.executor.take_launches();
-        let seconds = if device_clock { told } else { host_seconds };
+        let device_seconds = self.executor.take_launches();
+        let seconds = if device_clock { device_seconds } else { host_seconds };
         // Without a device's clock, launches are waited for one by one, so that each has a time of its own.
         let shortest = seconds.iter().copied().fold(f64::INFINITY, f64::min);
         self.launch_seconds = if device_clock && shortest > 0.0 { shortest } else { f64::INFINITY };

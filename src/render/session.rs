@@ -48,7 +48,7 @@ pub enum Ending {
     Now,
 }
 
-/// What a session can be asked for besides the settings of its render.
+/// Options of a session besides the settings of its render.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SessionOptions {
     /// How kernels reach memory; `None` leaves it to the device.
@@ -64,8 +64,8 @@ pub struct SessionOptions {
     pub film_bytes: Option<u64>,
 }
 
-/// Bounces that go to the device before the host looks whether paths are left. Bounded paths of
-/// up to this length never make the host wait.
+/// Bounces that go to the device before the host looks whether paths are left. Paths bounded below this length never
+/// make the host wait.
 const BOUNCES_AT_ONCE: u32 = 32;
 
 /// Seconds that a pass over all pixels may take where it could be longer: the fewer passes, the less time goes into
@@ -79,11 +79,11 @@ const SAMPLINGS: u32 = 32;
 const SAMPLED_PATHS: u32 = 256;
 /// Multiples of it are spread evenly over [0, 1), however many of them there are.
 const GOLDEN: f64 = 0.618_033_988_749_895;
-/// Seconds that such a batch takes, at least, if it is to tell of paths rather than of launches.
+/// Seconds that such a batch must take, at least, to measure paths rather than launches.
 const SAMPLING_SECONDS: f64 = 2e-3;
-/// How much more than what was sampled a path may cost.
+/// How many times the sampled cost a path may have.
 const SURPRISE: f64 = 8.0;
-/// The share of a render that sampling may take.
+/// The share of a render's time that sampling may take.
 const SAMPLING_SHARE: f64 = 1.0 / 200.0;
 
 /// Time between two looks at the device's ray counts: each waits for the device.
@@ -98,14 +98,14 @@ pub struct Session {
     scheduler: Scheduler,
     bvh: BvhKind,
     counting: bool,
-    /// What the kernels' radiance is of the scene's.
+    /// Kernel radiance per unit of scene radiance.
     radiance_scale: f64,
     pace: Pace,
-    /// Submissions whose time is not known yet: with the batch that each of them ends, if it ends one.
+    /// Submissions whose time is not known yet, each with the batch that it ends, if it ends one.
     timed: VecDeque<Option<SampleRange>>,
     /// The longest submission so far of the batch under way, in seconds.
     longest: f64,
-    /// Batches that the megakernel has followed and whose samples are not in the film yet, as one.
+    /// Batches that the megakernel has traced and no resolve has added to the film yet, as one.
     gathered: Option<SampleRange>,
     /// What is kept for a trace, if anything is.
     tracing: Option<Gathering>,
@@ -158,8 +158,7 @@ impl Session {
         })
     }
 
-    /// Lets the renders that follow take other random numbers and another number of samples. `scene` is
-    /// the session's own.
+    /// Changes the seed and the sample count of subsequent renders. `scene` is the session's own.
     ///
     /// # Errors
     /// When the device fails.
@@ -204,7 +203,7 @@ impl Session {
         self.executor.pipeline_times()
     }
 
-    /// Lets be kept what the device does in the render that follows, for a trace: up to so many passes.
+    /// Keeps what the device does in the next render, for a trace: up to `most_passes` passes.
     ///
     /// # Errors
     /// When the device fails.
@@ -214,7 +213,7 @@ impl Session {
         Ok(())
     }
 
-    /// What has been kept since [`Session::keep_trace`], and no more is; `None` where it was not called.
+    /// Ends what [`Session::keep_trace`] began and returns the trace; `None` where it was not called.
     pub fn take_trace(&mut self) -> Option<DeviceTrace> {
         self.gather_trace();
         let batches = self.tracing.take()?.batches();
@@ -242,7 +241,7 @@ impl Session {
         Ok(Outcome { film: film.expect("a render has a row"), statistics })
     }
 
-    /// As [`Session::render`], for the image alone: the mean of every pixel, and no more of it is made.
+    /// As [`Session::render`], but only the image: the mean of every pixel, without variances.
     ///
     /// # Errors
     /// When the device fails.
@@ -254,7 +253,7 @@ impl Session {
         Ok((Image::new(self.plan.width, statistics.rows, pixels), statistics))
     }
 
-    /// As [`Session::render`], for what it costs: the film stays where it is.
+    /// As [`Session::render`], but only the cost: the film stays on the device.
     ///
     /// # Errors
     /// When the device fails.
@@ -367,7 +366,7 @@ impl Session {
         Ok(statistics)
     }
 
-    /// Gives the device what was kept of a render, and tells which samples the tile under way has.
+    /// Restores on the device what was kept of a render, and returns which samples the tile under way has.
     fn take_up(&mut self, kept: &mut Kept) -> Result<Taken, GpuError> {
         self.clear()?;
         (kept.width, kept.radiance_scale, kept.at) = (self.plan.width, self.radiance_scale, Instant::now());
@@ -388,7 +387,7 @@ impl Session {
         Ok(kept.taken)
     }
 
-    /// Starts the sums and counts anew.
+    /// Zeroes the film and all counts, and empties the queues.
     pub(super) fn clear(&mut self) -> Result<(), GpuError> {
         self.executor.wait()?;
         let _stage = self.executor.stages().begin("clear");
@@ -405,8 +404,8 @@ impl Session {
         Ok(())
     }
 
-    /// Looks all over the image what paths cost, by small batches that are in no film, before the first render of a
-    /// session. Stops when it is sure that no batch can take long, that more of it costs more than it is worth, or when
+    /// Samples the cost of paths all over the image, by small batches whose samples are thrown away, before the first
+    /// render of a session. Stops when no batch can take long, when more sampling costs more than it is worth, or when
     /// `goes_on` says that the render is to end.
     fn sample_pace(&mut self, mut goes_on: impl FnMut() -> bool) -> Result<(), GpuError> {
         let pixels = self.plan.pixels();
@@ -433,7 +432,7 @@ impl Session {
             self.timed.clear();
             self.pace.note_sampling(batch, place, seconds);
             spent += seconds;
-            let longest = self.pace.dearest() * f64::from(self.plan.path_capacity) * SURPRISE;
+            let longest = self.pace.most_expensive() * f64::from(self.plan.path_capacity) * SURPRISE;
             let is_sure = longest < Pace::BATCH_SECONDS;
             if is_sure || spent > self.pace.mean() * paths as f64 * SAMPLING_SHARE || !goes_on() {
                 break;
@@ -460,7 +459,7 @@ impl Session {
         Ok(self.plan.next_batch(tile, taken, self.settings.samples, paths, pass_paths))
     }
 
-    /// Tells the pace of the batches that have ended.
+    /// Reports the batches that have ended to the pace.
     fn learn(&mut self) {
         for seconds in self.executor.take_submission_seconds() {
             self.longest = self.longest.max(seconds);
@@ -577,7 +576,7 @@ impl Session {
         self.visit_film(tile, |pixels| means.par_extend(pixels.par_iter().map(mean)))
     }
 
-    /// Shows the pixels of the tile under way where they were read to, some rows after the other.
+    /// Reads the pixels of the tile under way and shows them in parts, from the top.
     fn visit_film(&mut self, tile: Tile, mut show: impl FnMut(&[FilmPixel])) -> Result<(), GpuError> {
         self.resolve()?;
         self.executor.wait()?;
@@ -640,9 +639,8 @@ impl Session {
             total.seconds += time.seconds;
             total.launches += time.launches;
         }
-        let told = bands.iter().map(|band| band.samples).min().unwrap_or(0);
         Ok(Statistics {
-            samples: told,
+            samples: bands.iter().map(|band| band.samples).min().unwrap_or(0),
             rows: bands.iter().map(|band| band.rows).sum(),
             bands: bands.to_vec(),
             sample_count,

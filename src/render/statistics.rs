@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::plan::Band;
 use super::settings::Scheduler;
 use crate::bvh::BvhKind;
-use crate::film::FilmMoments;
+use crate::film::{FilmMoments, Image};
 use crate::gpu::{Idle, KernelTime};
 use crate::layout::{RayCount, WorkCount};
 
@@ -71,6 +71,13 @@ pub struct Statistics {
     pub texel_fetch: bool,
     /// Work by bounce and then by `STAGE_*`, of a session that counts; else empty.
     pub work_counts: Vec<WorkCount>,
+}
+
+impl Outcome {
+    /// The image: the mean of every pixel's samples.
+    pub fn image(&self) -> Image {
+        self.film.mean()
+    }
 }
 
 impl Statistics {
