@@ -99,8 +99,9 @@ fn main() {
     let structs = kernels.structs.iter().fold(String::new(), |list, entry| list + "    " + entry + ",\n");
     let text = format!(
         "/// Every kernel, sorted by name.\npub static KERNELS: &[Kernel] = &[\n{}];\n\
-         /// Every block and struct with a memory layout that some kernel declares.\npub static STRUCTS: &[StructLayout] = &[\n{structs}];\n{portable_entry}",
-        kernels.entries
+         /// Every block and struct with a memory layout that some kernel declares.\npub static STRUCTS: &[StructLayout] = &[\n{structs}];\n{portable_entry}{}",
+        kernels.entries,
+        kernels.names("KERNELS")
     );
     fs::write(out.join("kernels.rs"), text).expect("OUT_DIR can be written");
     let tables = [
@@ -110,7 +111,8 @@ fn main() {
     ];
     for (name, file, table, more) in tables {
         let doc = "/// Every kernel, sorted by name.\n";
-        let text = format!("{doc}pub static {name}: &[Kernel] = &[\n{}];\n{more}", table.entries);
+        let names = table.names(name);
+        let text = format!("{doc}pub static {name}: &[Kernel] = &[\n{}];\n{more}{names}", table.entries);
         fs::write(out.join(file), text).expect("OUT_DIR can be written");
     }
 }
@@ -122,6 +124,9 @@ struct Table {
     entries: String,
     /// One for each layout that they declare, sorted by name.
     structs: BTreeSet<String>,
+    /// Names of the kernels, in the order of the entries, and of the buffers that they bind.
+    kernels: Vec<String>,
+    buffers: BTreeSet<String>,
     errors: Vec<String>,
 }
 
@@ -154,10 +159,31 @@ impl Table {
                 let kernel = kernel.join().expect("a kernel that does not compile is an error of its table");
                 all.entries += &kernel.entries;
                 all.structs.extend(kernel.structs);
+                all.kernels.extend(kernel.kernels);
+                all.buffers.extend(kernel.buffers);
                 all.errors.extend(kernel.errors);
                 all
             })
         })
+    }
+
+    /// Each kernel and the name of each buffer as an item of its own, so that a misspelt one does not compile. `table` is
+    /// the static that holds the entries.
+    fn names(&self, table: &str) -> String {
+        let allow = "#[allow(dead_code, reason = \"not every kernel and buffer is named\")]";
+        let mut text = format!("/// Every kernel by name.\n{allow}\npub mod kernels {{\n    use super::Kernel;\n");
+        for (index, name) in self.kernels.iter().enumerate() {
+            let item = name.to_uppercase();
+            writeln!(text, "    /// `{name}`.\n    pub const {item}: &Kernel = &super::{table}[{index}];")
+                .expect("strings grow");
+        }
+        writeln!(text, "}}\n/// Names of the buffers that kernels bind.\n{allow}\npub mod buffers {{")
+            .expect("strings grow");
+        for name in &self.buffers {
+            let item = name.to_uppercase();
+            writeln!(text, "    /// `{name}`.\n    pub const {item}: &str = {name:?};").expect("strings grow");
+        }
+        text + "}\n"
     }
 
     /// A kernel that its file is, or that the macro of a form makes of it.
@@ -170,7 +196,7 @@ impl Table {
         portable: Option<&Library>,
         out: &Path,
     ) -> Self {
-        let mut table = Self::default();
+        let mut table = Self { kernels: vec![name.to_owned()], ..Self::default() };
         let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
         let source = fs::read_to_string(path).expect("a listed shader can be read");
         writeln!(table.entries, "    Kernel {{ name: {name:?}, variants: &[").expect("strings grow");
@@ -185,6 +211,7 @@ impl Table {
                     let reflection = Reflection::of(&module);
                     writeln!(table.entries, "{}", reflection.entry(&file)).expect("strings grow");
                     table.structs.extend(reflection.structs);
+                    table.buffers.extend(reflection.buffers);
                 }
                 // The variants fail alike: one report a kernel is enough.
                 Err(error) if table.errors.is_empty() => table.errors.push(error),
@@ -445,13 +472,15 @@ fn label(block: &Block) -> u32 {
 /// What the host must know of a kernel, read from its SPIR-V.
 struct Reflection {
     bindings: Vec<String>,
+    /// Names of what it binds.
+    buffers: Vec<String>,
     push_constant_size: u32,
     structs: Vec<String>,
 }
 
 impl Reflection {
     fn of(module: &Module) -> Self {
-        let mut bindings = Vec::new();
+        let (mut bindings, mut buffers) = (Vec::new(), Vec::new());
         let mut push_constant_size = 0;
         for variable in module.types_global_values.iter().filter(|i| i.class.opcode == Op::Variable) {
             let id = variable.result_id.expect("a variable has an id");
@@ -474,6 +503,7 @@ impl Reflection {
             };
             let (reads, writes) = accesses(module, id);
             let name = name_of(module, id);
+            buffers.push(name.clone());
             bindings.push((
                 (set, binding),
                 format!("Binding {{ name: {name:?}, set: {set}, binding: {binding}, kind: BindingKind::{kind}, reads: {reads}, writes: {writes} }}"),
@@ -482,6 +512,7 @@ impl Reflection {
         bindings.sort();
         Self {
             bindings: bindings.into_iter().map(|(_, entry)| entry).collect(),
+            buffers,
             push_constant_size,
             structs: struct_layouts(module),
         }

@@ -1,63 +1,138 @@
-//! A frame as plain data: the list of passes that a scheduler asks for and an executor runs.
+//! Work for a device as plain data: the list of commands that a scheduler asks for and an executor runs.
 //!
-//! Nothing here touches Vulkan, so schedulers are tested without a device.
+//! Nothing here touches Vulkan, so schedulers are tested without a device. Buffers are named as in GLSL. No command says
+//! what it must wait for: the executor derives that from what each of them reads and writes.
 
-use crate::layout::Batch;
+use bytemuck::Pod;
 
-/// Passes in order.
-#[derive(Debug, Clone, Default, PartialEq)]
+use crate::shaders::Kernel;
+
+/// Commands in order.
+#[derive(Debug, Clone, Default)]
 pub struct Recording {
     /// What to run.
-    pub passes: Vec<Pass>,
+    pub commands: Vec<Command>,
     /// The bounce that is being recorded.
     bounce: Option<u32>,
 }
 
 /// One step of a recording.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Pass {
-    /// Runs a kernel over `groups` workgroups.
-    Dispatch {
-        /// Name of the kernel.
-        kernel: &'static str,
-        /// Workgroups, in one dimension.
-        groups: u32,
-        /// Push constants.
-        batch: Batch,
-        /// The bounce that it is a part of; `None` for what a batch begins and ends with.
-        of_bounce: Option<u32>,
+#[derive(Debug, Clone)]
+pub enum Command {
+    /// Runs a kernel.
+    Dispatch(Dispatch),
+    /// Writes bytes of the host to a buffer, from its start.
+    Upload {
+        /// The buffer.
+        buffer: &'static str,
+        /// No more than the buffer holds.
+        contents: Vec<u8>,
     },
-    /// Runs a kernel over as many workgroups as the device wrote.
-    DispatchIndirect {
-        /// Name of the kernel.
-        kernel: &'static str,
-        /// Where the three counts lie in the `control` buffer, in bytes.
-        arguments: u64,
-        /// Push constants.
-        batch: Batch,
-        /// As for `Dispatch`.
-        of_bounce: Option<u32>,
+    /// Fills a buffer with zeros.
+    Clear {
+        /// The buffer.
+        buffer: &'static str,
+    },
+    /// Copies the first bytes of a buffer to the start of another one.
+    Copy {
+        /// The buffer that is read.
+        from: &'static str,
+        /// The buffer that is written.
+        to: &'static str,
+        /// No more than either holds.
+        bytes: u64,
+    },
+    /// Hands the first bytes of a buffer to the host.
+    Download {
+        /// The buffer.
+        buffer: &'static str,
+        /// No more than the buffer holds; `None` is all of it.
+        bytes: Option<u64>,
     },
 }
 
-impl Pass {
-    /// The bounce that it is a part of. Its push constants may tell another one: the launches of a bounce are sized by
-    /// the last pass but one of the bounce before.
-    pub fn of_bounce(&self) -> Option<u32> {
-        let (Self::Dispatch { of_bounce, .. } | Self::DispatchIndirect { of_bounce, .. }) = self;
-        *of_bounce
+/// A launch of a kernel.
+#[derive(Debug, Clone)]
+pub struct Dispatch {
+    /// The kernel.
+    pub kernel: &'static Kernel,
+    /// How many workgroups run.
+    pub workgroups: Workgroups,
+    /// Its push constants.
+    pub constants: Vec<u8>,
+    /// The bounce that it is a part of; `None` for what a batch begins and ends with. Push constants may name another
+    /// bounce: `prepare_dispatch` of bounce n sizes the launches of bounce n + 1.
+    pub bounce: Option<u32>,
+}
+
+/// The size of a launch, in one dimension.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Workgroups {
+    /// A number that the host knows.
+    Direct(u32),
+    /// A number that the device wrote.
+    Indirect {
+        /// The buffer that holds the three counts.
+        buffer: &'static str,
+        /// Where in it, in bytes; a multiple of 4.
+        offset: u64,
+    },
+}
+
+impl Command {
+    /// The launch that it is, if it is one.
+    pub fn dispatch(&self) -> Option<&Dispatch> {
+        match self {
+            Self::Dispatch(dispatch) => Some(dispatch),
+            _ => None,
+        }
     }
 }
 
 impl Recording {
-    /// Appends a direct dispatch.
-    pub fn dispatch(&mut self, kernel: &'static str, groups: u32, batch: Batch) {
-        self.passes.push(Pass::Dispatch { kernel, groups, batch, of_bounce: self.bounce });
+    /// Appends a launch of `groups` workgroups.
+    pub fn dispatch(&mut self, kernel: &'static Kernel, groups: u32, constants: &impl Pod) -> &mut Self {
+        self.launch(kernel, Workgroups::Direct(groups), constants)
     }
 
-    /// Appends an indirect dispatch whose counts lie at `arguments` in `control`.
-    pub fn dispatch_indirect(&mut self, kernel: &'static str, arguments: usize, batch: Batch) {
-        self.passes.push(Pass::DispatchIndirect { kernel, arguments: arguments as u64, batch, of_bounce: self.bounce });
+    /// Appends a launch whose number of workgroups lies in `buffer` at `offset`, in bytes.
+    pub fn dispatch_indirect(
+        &mut self,
+        kernel: &'static Kernel,
+        (buffer, offset): (&'static str, usize),
+        constants: &impl Pod,
+    ) -> &mut Self {
+        self.launch(kernel, Workgroups::Indirect { buffer, offset: offset as u64 }, constants)
+    }
+
+    fn launch(&mut self, kernel: &'static Kernel, workgroups: Workgroups, constants: &impl Pod) -> &mut Self {
+        let (constants, bounce) = (bytemuck::bytes_of(constants).to_vec(), self.bounce);
+        self.push(Command::Dispatch(Dispatch { kernel, workgroups, constants, bounce }))
+    }
+
+    /// Appends a write of the host's bytes to the start of a buffer.
+    pub fn upload(&mut self, buffer: &'static str, contents: &[u8]) -> &mut Self {
+        self.push(Command::Upload { buffer, contents: contents.to_vec() })
+    }
+
+    /// Appends zeros for all of a buffer.
+    pub fn clear(&mut self, buffer: &'static str) -> &mut Self {
+        self.push(Command::Clear { buffer })
+    }
+
+    /// Appends a copy of the first bytes of a buffer to the start of another one.
+    pub fn copy(&mut self, from: &'static str, to: &'static str, bytes: u64) -> &mut Self {
+        self.push(Command::Copy { from, to, bytes })
+    }
+
+    /// Appends a read of a whole buffer by the host.
+    pub fn download(&mut self, buffer: &'static str) -> &mut Self {
+        self.push(Command::Download { buffer, bytes: None })
+    }
+
+    /// Appends a read of the first bytes of a buffer by the host.
+    pub fn download_first(&mut self, buffer: &'static str, bytes: u64) -> &mut Self {
+        self.push(Command::Download { buffer, bytes: Some(bytes) })
     }
 
     /// Appends what belongs to a bounce.
@@ -65,5 +140,15 @@ impl Recording {
         self.bounce = Some(bounce);
         fill(self);
         self.bounce = None;
+    }
+
+    /// The launches, in order.
+    pub fn dispatches(&self) -> impl Iterator<Item = &Dispatch> {
+        self.commands.iter().filter_map(Command::dispatch)
+    }
+
+    fn push(&mut self, command: Command) -> &mut Self {
+        self.commands.push(command);
+        self
     }
 }

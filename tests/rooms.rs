@@ -46,7 +46,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("main", &[]),
     ("oracle", &["render", "scene"]),
     ("rays", &["constants", "whole_file"]),
-    ("recording", &["layout"]),
+    ("recording", &["shaders"]),
     (
         "render",
         &[
@@ -165,6 +165,15 @@ fn every_room_is_in_the_table() {
 fn vulkan_and_unsafe_code_stay_in_gpu() {
     assert_none("Vulkan or unsafe code outside src/gpu", |line| {
         line.room != "gpu" && ["ash", "gpu_allocator", "unsafe", "unsafe_code"].iter().any(|word| line.has(word))
+    });
+}
+
+#[test]
+fn of_render_only_session_and_replay_run_anything() {
+    assert_none("an executor in src/render outside session and replay", |line| {
+        let runs =
+            ["session.rs", "replay.rs"].iter().any(|file| line.place.starts_with(&format!("src/render/{file}:")));
+        line.room == "render" && !runs && ["executor", "Executor"].iter().any(|word| line.has(word))
     });
 }
 

@@ -61,12 +61,12 @@ pub fn measure(device: &Device) -> Result<Facts, GpuError> {
             kernels: &FACTS.iter().collect::<Vec<_>>(),
             specialization: &specialization,
             buffers: vec![
-                filled("nodes", BufferUse::Scene { texel_bytes: 16 }, bytemuck::cast_slice(&links)),
-                filled("links", BufferUse::State, bytemuck::cast_slice(&links)),
-                filled("operands", BufferUse::State, bytemuck::cast_slice(&operands)),
-                empty("ends", size_of::<u32>() * WALKERS as usize),
-                empty("results", size_of::<Results>() * PAIRS as usize),
-                empty("last_state", 16),
+                filled(buffers::NODES, BufferUse::Scene { texel_bytes: 16 }, bytemuck::cast_slice(&links)),
+                filled(buffers::LINKS, BufferUse::State, bytemuck::cast_slice(&links)),
+                filled(buffers::OPERANDS, BufferUse::State, bytemuck::cast_slice(&operands)),
+                empty(buffers::ENDS, size_of::<u32>() * WALKERS as usize),
+                empty(buffers::RESULTS, size_of::<Results>() * PAIRS as usize),
+                empty(buffers::LAST_STATE, 16),
             ],
             access: Access { texel_fetch: true, subgroup_ballot: false },
             edition: Edition::Plain,
@@ -79,13 +79,15 @@ pub fn measure(device: &Device) -> Result<Facts, GpuError> {
     let walk = |fetched, loaded| {
         let batch = Batch { first_pixel: NODES, first_sample: fetched, sample_count: loaded, ..Batch::zeroed() };
         let mut recording = Recording::default();
-        recording.dispatch("gather", groups(WALKERS), batch);
+        recording.dispatch(kernels::GATHER, groups(WALKERS), &batch);
         recording
     };
     let turns = |turns, first_state, launches: u32| {
         let batch = Batch { first_pixel: first_state, sample_count: turns, ..Batch::zeroed() };
         let mut recording = Recording::default();
-        (0..launches).for_each(|_| recording.dispatch("loops", 1, batch));
+        for _ in 0..launches {
+            recording.dispatch(kernels::LOOPS, 1, &batch);
+        }
         recording
     };
     let timed = [walk(STEPS, 0), walk(0, STEPS), turns(0, 0, LAUNCHES)];
@@ -99,12 +101,11 @@ pub fn measure(device: &Device) -> Result<Facts, GpuError> {
     let [fetched, loaded, launched] = seconds;
     let fetches = f64::from(WALKERS) * f64::from(STEPS) * f64::from(NODE_TEXELS);
 
-    executor.submit(&turns(MOST_TURNS, FIRST_STATE, 1))?;
-    let last: u32 = bytemuck::pod_read_unaligned(&executor.read("last_state")?[..4]);
+    let found = executor.run(turns(MOST_TURNS, FIRST_STATE, 1).download_first(buffers::LAST_STATE, 4))?;
+    let last: u32 = bytemuck::pod_read_unaligned(&found[0]);
     let mut recording = Recording::default();
-    recording.dispatch("arithmetic", groups(PAIRS), Batch::zeroed());
-    executor.submit(&recording)?;
-    let results: Vec<Results> = bytemuck::pod_collect_to_vec(&executor.read("results")?);
+    recording.dispatch(kernels::ARITHMETIC, groups(PAIRS), &Batch::zeroed()).download(buffers::RESULTS);
+    let results: Vec<Results> = bytemuck::pod_collect_to_vec(&executor.run(&recording)?[0]);
     let arithmetic = Arithmetic::of(&operands, &results);
     Ok(Facts {
         texel_ns: 1e9 * fetched / fetches,

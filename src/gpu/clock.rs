@@ -1,4 +1,4 @@
-//! The device's clock beside the host's: VK_KHR_calibrated_timestamps, or the extension of EXT that it comes from.
+//! The device's clock, calibrated against the host's: VK_KHR_calibrated_timestamps, or the extension of EXT that it comes from.
 
 use std::ffi::CStr;
 use std::time::{Duration, Instant};

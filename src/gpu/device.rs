@@ -34,7 +34,7 @@ pub(super) struct Shared {
     pub description: DeviceDescription,
     /// What names its objects.
     pub labels: Labels,
-    /// How its clock is read beside the host's, if it was opened for a trace and can be.
+    /// How its clock is read together with the host's, if it was opened for a trace and the driver can.
     pub calibrates: Option<Calibrates>,
     /// Submissions of recordings until the device counts as lost.
     pub submissions_left: AtomicU64,
@@ -44,6 +44,16 @@ pub(super) struct Shared {
 }
 
 impl Device {
+    /// Opens the device of that name or number, as `raywave devices` lists them, or the best one. An instance of Vulkan
+    /// is made for it.
+    ///
+    /// # Errors
+    /// When there is no Vulkan or no such device, or the driver refuses.
+    pub fn find(wanted: Option<&str>) -> Result<Self, GpuError> {
+        let instance = Arc::new(Instance::new(false)?);
+        Self::open(&instance, instance.choose(wanted)?)
+    }
+
     /// Opens a device.
     ///
     /// # Errors
@@ -147,8 +157,7 @@ impl Device {
         self.shared.stages()
     }
 
-    /// Lets the device count as lost after so many more submissions of recordings, so that it can be tried what comes
-    /// of it.
+    /// Simulates the loss of the device after that many more submissions of recordings, for tests of what follows.
     pub fn lose_after(&self, submissions: u64) {
         self.shared.submissions_left.store(submissions, Ordering::Relaxed);
     }
@@ -158,8 +167,8 @@ impl Device {
         self.shared.cache_folder.as_deref()
     }
 
-    /// Bytes of the heap of [`DeviceDescription::memory_bytes`] that are taken, by this process and all
-    /// others; 0 where the driver does not tell.
+    /// Bytes of the heap of [`DeviceDescription::memory_bytes`] in use, by this and all other processes; 0 where the driver
+    /// does not report them.
     pub(super) fn used_memory(&self) -> u64 {
         self.shared.instance.used_memory(&self.shared.description)
     }

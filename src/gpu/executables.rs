@@ -1,4 +1,4 @@
-//! What a driver tells of the kernels that it compiled: registers, memory, code.
+//! What a driver reports about the kernels that it compiled: registers, memory, code.
 
 use std::ffi::{CStr, c_char};
 use std::sync::Arc;
@@ -30,7 +30,7 @@ pub struct Executable {
     pub figures: Vec<Figure>,
 }
 
-/// A number that a driver tells of an executable.
+/// A number that a driver reports about an executable.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
     /// What it is called.
@@ -41,7 +41,7 @@ pub struct Figure {
     pub value: FigureValue,
 }
 
-/// Number of a figure, by the type that the driver says.
+/// Value of a figure, in the type that the driver gives it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(missing_docs, reason = "the names say it")]
 pub enum FigureValue {
@@ -51,7 +51,7 @@ pub enum FigureValue {
     Float(f64),
 }
 
-/// What is known of a streaming multiprocessor, to tell how many warps it can hold.
+/// What is known of a streaming multiprocessor, to compute how many warps it can hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Multiprocessors {
     /// On the device.
@@ -64,12 +64,12 @@ impl Multiprocessors {
     /// Registers of 32 bits of one: the same on all NVIDIA cards since Maxwell (CUDA C++ Programming Guide, table
     /// "Technical Specifications per Compute Capability").
     const REGISTERS: u32 = 65_536;
-    /// Registers are given to a warp by so many.
+    /// Registers are allocated to warps in units of this many.
     const REGISTER_UNIT: u32 = 256;
     const LANES: u32 = 32;
 
-    /// The share of its warps that a multiprocessor can hold of a kernel of so many registers a lane, in workgroups of so
-    /// many invocations, as far as registers decide; shared memory may leave fewer.
+    /// Occupancy: the share of a multiprocessor's warps that can be resident, for a kernel of that many registers a lane in
+    /// workgroups of that size, as far as registers limit it. Shared memory may leave fewer.
     pub fn occupancy(&self, registers: u64, workgroup_size: u32) -> f64 {
         let warp_registers =
             (registers as u32).max(1).saturating_mul(Self::LANES).next_multiple_of(Self::REGISTER_UNIT);
@@ -80,7 +80,7 @@ impl Multiprocessors {
 }
 
 impl CompiledKernel {
-    /// Registers of an invocation, where the driver tells them: the most of any executable.
+    /// Registers of an invocation, where the driver reports them: the most of any executable.
     pub fn registers(&self) -> Option<u64> {
         let figures = self.executables.iter().flat_map(|executable| &executable.figures);
         let registers = figures.filter(|figure| figure.name.eq_ignore_ascii_case("register count"));
@@ -111,7 +111,7 @@ pub(super) fn compiled_kernels(
     let pipelines = Pipelines::to_be_described(shared, kernels, specialization)?;
     let loader = khr::pipeline_executable_properties::Device::new(&shared.instance.raw, &shared.raw);
     let compiled = pipelines.names().into_iter().map(|kernel| {
-        let (pipeline, _) = pipelines.get(kernel);
+        let pipeline = pipelines.get(kernel).pipeline;
         Ok(CompiledKernel { kernel, executables: executables(shared, &loader, pipeline)? })
     });
     compiled.collect::<Result<_, _>>().map(Some)
@@ -126,7 +126,7 @@ fn executables(
     let (device, functions) = (shared.raw.handle(), loader.fp());
     let info = vk::PipelineInfoKHR::default().pipeline(pipeline);
     let mut count = 0;
-    // SAFETY: the extension is enabled and the pipeline alive; a null array asks for the count alone.
+    // SAFETY: the extension is enabled and the pipeline alive; a null array asks only for the count.
     unsafe {
         (functions.get_pipeline_executable_properties_khr)(device, &info, &mut count, std::ptr::null_mut()).result()
     }

@@ -1,8 +1,7 @@
-//! Runs recordings: binds by name, orders by what each kernel reads and writes, and times.
+//! Runs recordings: binds by name, orders by what each command reads and writes, and times.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use ash::vk;
@@ -13,38 +12,16 @@ use super::clock::{Alignment, Clock};
 use super::device::{Device, Shared};
 use super::error::{Action, GpuError};
 use super::executables::{CompiledKernel, compiled_kernels};
+use super::hazards::Hazards;
 use super::memory::{MemoryLimits, MemoryPlan, plan_memory};
-use super::pipeline::{Pipelines, descriptor_type};
-use crate::recording::{Pass, Recording};
-use crate::shaders::{Access, Arithmetic, BindingKind, Build, Edition, Kernel, Library, Specialized};
+use super::pipeline::Pipelines;
+use super::resources::{Resources, carried_bytes};
+use super::roles::BufferRole;
+use super::steps::{Downloaded, Room, Step, submissions};
+use super::times::{FIRST_STEP, Idle, KernelTime, Launched, Times, TracedSubmission, Tracing};
+use crate::recording::{Command, Dispatch, Recording, Workgroups};
+use crate::shaders::{Access, Arithmetic, Build, Edition, Kernel, Library, Specialized};
 use crate::trace::Stages;
-
-/// How kernels see a buffer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BufferUse {
-    /// Constants of the render.
-    Uniform,
-    /// Scene data of that many bytes a texel (8 or 16): a texel or storage buffer.
-    Scene {
-        /// 8 or 16.
-        texel_bytes: u64,
-    },
-    /// State that kernels read and write.
-    State,
-}
-
-/// A buffer by its GLSL name.
-#[derive(Debug, Clone)]
-pub struct BufferRole<'a> {
-    /// Name of the GLSL variable.
-    pub name: &'static str,
-    /// How kernels see it.
-    pub usage: BufferUse,
-    /// Bytes, above 0.
-    pub size: u64,
-    /// First contents; zeros without.
-    pub contents: Option<&'a [u8]>,
-}
 
 /// What an executor is made from.
 pub struct ExecutorDescription<'a> {
@@ -64,88 +41,20 @@ pub struct ExecutorDescription<'a> {
     pub driver: Option<&'static Library>,
 }
 
-/// Time and launches of a kernel.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct KernelTime {
-    /// Seconds between the end of the pass before and the end of this one, summed.
-    pub seconds: f64,
-    /// Dispatches.
-    pub launches: u64,
-}
-
-/// How long the device had no recording, by its own clock; `None` where it has none, or there was nothing before.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Idle {
-    /// Seconds before the first recording, since the last one of any executor of the device.
-    pub before: Option<f64>,
-    /// Seconds between the recordings, summed.
-    pub between: Option<f64>,
-}
-
-/// What the device did of one submission, on the host's clock.
-#[derive(Debug, Clone)]
-pub struct TracedSubmission {
-    /// When the host handed it over.
-    pub submitted: Instant,
-    /// When the host saw that it had ended.
-    pub seen: Instant,
-    /// Its passes in order; none where the device has no clock, or there was no more room.
-    pub passes: Vec<TracedPass>,
-    /// Passes that there was no more room for.
-    pub dropped: usize,
-    /// What the buffer of [`Executor::keep_trace`] held at its end.
-    pub counts: Vec<u8>,
-}
-
-/// A pass on the host's clock.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct TracedPass {
-    /// Name of its kernel.
-    pub kernel: &'static str,
-    /// The bounce that it is a part of.
-    pub of_bounce: Option<u32>,
-    /// When the pass before it ended, or what the submission had to wait for.
-    pub start: Instant,
-    /// When it ended.
-    pub end: Instant,
-}
-
-/// Passes that one command buffer can time.
-const MAX_TIMED_PASSES: u32 = 2048;
-/// Timestamps of a command buffer: its very start, the end of the barrier that opens it, the end of
-/// each pass, and its very end.
-const FIRST_PASS: usize = 2;
-/// Bytes of each of the buffers that carry data to and from the device, at most: no more than the largest that they serve.
-const STAGING_BYTES: u64 = 16 << 20;
+/// Steps of a submission, at most: each has a timestamp.
+const MAX_STEPS: usize = 2048;
 /// Submissions that the device may have at once.
 const SLOTS: usize = 2;
 
 /// Runs recordings on a device, with its own buffers and pipelines.
 pub struct Executor {
-    buffers: HashMap<&'static str, Buffer>,
+    resources: Resources,
     pipelines: Pipelines,
     pipelines_time: Duration,
-    descriptor_pool: vk::DescriptorPool,
-    sets: Vec<vk::DescriptorSet>,
     command_pool: vk::CommandPool,
     slots: Vec<Slot>,
     next_slot: usize,
-    /// What the host writes for the device.
-    staging: Buffer,
-    /// What the device writes for the host: memory that the host reads fast.
-    readback: Buffer,
-    times: BTreeMap<(&'static str, u32), KernelTime>,
-    /// Inside command buffers of recordings, from end to end.
-    seconds: f64,
-    /// Of each submission of a recording that has been waited for and not been asked for.
-    submission_seconds: Vec<f64>,
-    /// When the host saw the last submission end.
-    last_end: Instant,
-    idle: Idle,
-    /// Seconds of every pass, where they are kept.
-    launches: Option<Vec<f64>>,
-    /// What is kept for a trace, if anything is.
-    tracing: Option<Tracing>,
+    times: Times,
     access: Access,
     memory_bytes: u64,
     /// What the pipelines were built from.
@@ -159,33 +68,14 @@ struct Slot {
     commands: vk::CommandBuffer,
     fence: vk::Fence,
     queries: vk::QueryPool,
-    /// The passes in flight, one per timestamp from [`FIRST_PASS`] on.
-    pending: Option<Vec<Launched>>,
+    /// The steps in flight, one per timestamp from [`FIRST_STEP`] on.
+    pending: Option<Vec<Option<Launched>>>,
+    /// What it brings back.
+    downloads: Vec<Downloaded>,
     /// When it was submitted.
     start: Instant,
     /// Where the device leaves the counts that a trace wants.
     counts: Option<Buffer>,
-}
-
-/// A pass in flight.
-struct Launched {
-    kernel: &'static str,
-    /// That its push constants tell.
-    bounce: u32,
-    /// That it is a part of.
-    of_bounce: Option<u32>,
-}
-
-/// What is kept for a trace.
-struct Tracing {
-    /// The buffer whose contents are kept after each submission.
-    counts: &'static str,
-    /// Passes that there is room for.
-    room: usize,
-    clock: Clock,
-    /// End of the last pass.
-    until: Option<Instant>,
-    submissions: Vec<TracedSubmission>,
 }
 
 impl Executor {
@@ -216,16 +106,16 @@ impl Executor {
         let kernels = specialized(access);
         let bound: HashSet<_> = kernels.iter().flat_map(|(_, kernel)| &kernel.bindings).map(|b| b.name).collect();
         description.buffers.retain(|role| bound.contains(role.name));
-        let largest = description.buffers.iter().map(|role| role.size).max().unwrap_or_default();
-        let staging_bytes = largest.clamp(64, STAGING_BYTES);
         let memory = MemoryLimits {
             storage_buffer_bytes: limits.max_storage_buffer_bytes,
             texels: limits.max_texel_buffer_elements,
             heap_bytes: limits.memory_bytes,
             used_bytes: device.used_memory(),
         };
+        // To the device and back.
+        let carried = 2 * SLOTS as u64 * carried_bytes(&description.buffers);
         let MemoryPlan { texel_fetch, bytes } =
-            plan_memory(&description.buffers, 2 * staging_bytes, access.texel_fetch, &memory)?;
+            plan_memory(&description.buffers, carried, access.texel_fetch, &memory)?;
         let kernels =
             if texel_fetch == access.texel_fetch { kernels } else { specialized(Access { texel_fetch, ..access }) };
         let access = Access { texel_fetch, ..access };
@@ -237,27 +127,15 @@ impl Executor {
         let pipelines_time = start.elapsed();
         drop(compiling);
         let uploading = shared.stages().begin("upload");
-        let transfer = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
-        let staging = Buffer::new(shared, "staging", staging_bytes, transfer, MemoryLocation::CpuToGpu)?;
-        let readback = Buffer::new(shared, "readback", staging_bytes, transfer, MemoryLocation::GpuToCpu)?;
+        let resources = Resources::new(shared, &description.buffers, texel_fetch, &pipelines, SLOTS)?;
         let mut executor = Self {
-            buffers: HashMap::new(),
+            resources,
             pipelines,
             pipelines_time,
-            descriptor_pool: vk::DescriptorPool::null(),
-            sets: Vec::new(),
             command_pool: vk::CommandPool::null(),
             slots: Vec::new(),
             next_slot: 0,
-            staging,
-            readback,
-            times: BTreeMap::new(),
-            seconds: 0.0,
-            submission_seconds: Vec::new(),
-            last_end: Instant::now(),
-            idle: Idle::default(),
-            launches: None,
-            tracing: None,
+            times: Times::new(),
             access,
             memory_bytes: bytes,
             kernels,
@@ -265,10 +143,7 @@ impl Executor {
             device: Arc::clone(shared),
         };
         executor.make_slots()?;
-        for role in &description.buffers {
-            executor.make_buffer(role)?;
-        }
-        executor.make_sets()?;
+        executor.fill_first(&description.buffers)?;
         drop(uploading);
         let _compiling = shared.stages().begin("compile kernels");
         let start = Instant::now();
@@ -287,15 +162,16 @@ impl Executor {
         self.memory_bytes
     }
 
-    /// Time and launches of each kernel at each bounce, of the recordings that have been waited for.
+    /// Time and launches of each kernel at each bounce, of the recordings that have been waited for. What a batch begins
+    /// and ends with counts as bounce 0.
     pub fn kernel_times(&self) -> &BTreeMap<(&'static str, u32), KernelTime> {
-        &self.times
+        &self.times.kernels
     }
 
     /// Seconds between the start and the end of the command buffers of recordings that have been
     /// waited for, on the device's clock; 0 where it has none. The kernels' times are parts of it.
     pub fn device_seconds(&self) -> f64 {
-        self.seconds
+        self.times.seconds
     }
 
     /// Whether the device has a clock of its own.
@@ -305,21 +181,21 @@ impl Executor {
 
     /// How long the device was idle before and between the recordings that have been waited for.
     pub fn idle(&self) -> Idle {
-        self.idle
+        self.times.idle
     }
 
-    /// Lets the time of every pass be kept from now on, until they are taken.
+    /// Keeps the time of every launch from now on, until they are taken.
     pub fn keep_launches(&mut self) {
-        self.launches = Some(Vec::new());
+        self.times.launches = Some(Vec::new());
     }
 
-    /// Seconds of every pass that has been waited for since [`Executor::keep_launches`], in order: from the end of the
-    /// pass before, in its command buffer, to its own. Empty where the device has no clock.
+    /// Seconds of every launch that has been waited for since [`Executor::keep_launches`], in order: from the end of the
+    /// command before, in its command buffer, to its own. Empty where the device has no clock.
     pub fn take_launches(&mut self) -> Vec<f64> {
-        self.launches.take().unwrap_or_default()
+        self.times.launches.take().unwrap_or_default()
     }
 
-    /// Lets be kept from now on what the device does of each submission, for a trace: up to so many passes, and what the
+    /// Keeps from now on what the device does in each submission, for a trace: up to `most_passes` launches, and what the
     /// buffer `counts` holds at the end.
     ///
     /// # Errors
@@ -329,24 +205,23 @@ impl Executor {
     /// When no buffer has that name.
     pub fn keep_trace(&mut self, counts: &'static str, most_passes: usize) -> Result<(), GpuError> {
         self.wait()?;
-        let size = self.buffers[counts].size;
+        let size = self.resources.size(counts);
         for slot in &mut self.slots {
             let (usage, location) = (vk::BufferUsageFlags::TRANSFER_DST, MemoryLocation::GpuToCpu);
             slot.counts = Some(Buffer::new(&self.device, "counts of a submission", size, usage, location)?);
         }
-        let clock = Clock::new(&self.device)?;
-        self.tracing = Some(Tracing { counts, room: most_passes, clock, until: None, submissions: Vec::new() });
+        self.times.tracing = Some(Tracing::new(counts, most_passes, Clock::new(&self.device)?));
         Ok(())
     }
 
     /// What has been kept of the submissions that were waited for, since the last call.
     pub fn take_traced(&mut self) -> Vec<TracedSubmission> {
-        self.tracing.as_mut().map(|tracing| std::mem::take(&mut tracing.submissions)).unwrap_or_default()
+        self.times.tracing.as_mut().map(Tracing::take).unwrap_or_default()
     }
 
     /// How the times of a trace were brought to the host's clock; `None` where none is kept.
     pub fn alignment(&self) -> Option<Alignment> {
-        self.tracing.as_ref().map(|tracing| tracing.clock.alignment())
+        self.times.tracing.as_ref().map(Tracing::alignment)
     }
 
     /// Where the stages of the host's work are noted.
@@ -359,8 +234,8 @@ impl Executor {
         self.pipelines_time
     }
 
-    /// Time that the driver took to build each kernel, by name: that of a processor to make the pipeline, and
-    /// to launch it once, which is when some drivers compile it.
+    /// Time that the driver took to build each kernel, by name: CPU time to make the pipeline, and the time of one launch,
+    /// which is when some drivers compile it.
     pub fn pipeline_times(&self) -> impl Iterator<Item = (&'static str, Duration)> {
         self.pipelines.build_times()
     }
@@ -368,11 +243,11 @@ impl Executor {
     /// Seconds of each submission that has been waited for since the last call, in their order: by the device's clock,
     /// and where it has none by the host's, from its start or the end of the one before until the host saw it end.
     pub fn take_submission_seconds(&mut self) -> Vec<f64> {
-        std::mem::take(&mut self.submission_seconds)
+        std::mem::take(&mut self.times.submission_seconds)
     }
 
-    /// Compiles the kernels once more, in pipelines that are never run, and asks the driver about them: what it keeps for
-    /// its answers might make these slower. `None` where it has none to give.
+    /// Compiles the kernels once more, in pipelines that are never run, and asks the driver about them: capturing
+    /// statistics might slow down those that do run. `None` where the driver has none.
     ///
     /// # Errors
     /// When a kernel cannot be built.
@@ -387,25 +262,51 @@ impl Executor {
 
     /// Starts the times and launches anew.
     pub fn forget_times(&mut self) {
-        self.times.clear();
-        self.seconds = 0.0;
-        self.idle = Idle::default();
+        self.times.forget();
     }
 
-    /// Starts a recording. At most two are under way: a third waits for the first.
+    /// Starts a recording, which downloads nothing. At most two submissions are under way: a third waits for the first.
     ///
     /// # Errors
     /// When the device is lost or out of memory.
+    ///
+    /// # Panics
+    /// When the recording names a kernel or a buffer that the executor does not have, or more bytes than a buffer holds.
     pub fn submit(&mut self, recording: &Recording) -> Result<(), GpuError> {
-        // A command buffer has a limit of passes that it can time.
-        for passes in recording.passes.chunks(MAX_TIMED_PASSES as usize) {
-            let slot = self.next_slot;
-            self.next_slot = (slot + 1) % SLOTS;
-            self.finish(slot)?;
-            self.record(slot, passes)?;
-            self.launch(slot)?;
+        let downloads = recording.commands.iter().any(|command| matches!(command, Command::Download { .. }));
+        assert!(!downloads, "a recording that downloads is run, not submitted");
+        self.submit_all(recording, &mut |_, _, _| ())
+    }
+
+    /// Runs a recording to its end, and what was started before it: what each of its downloads found, in their order.
+    ///
+    /// # Errors
+    /// As [`Executor::submit`].
+    ///
+    /// # Panics
+    /// As [`Executor::submit`].
+    pub fn run(&mut self, recording: &Recording) -> Result<Vec<Vec<u8>>, GpuError> {
+        let downloads = recording.commands.iter().filter(|command| matches!(command, Command::Download { .. }));
+        let mut found = vec![Vec::new(); downloads.count()];
+        self.run_seen(recording, |number, _, part| found[number].extend_from_slice(part))?;
+        Ok(found)
+    }
+
+    /// As [`Executor::run`], but shows what downloads find where it lies, in parts of whole 64 bytes: with the number of the
+    /// download, from 0, and the byte of the buffer that the part begins at.
+    ///
+    /// # Errors
+    /// As [`Executor::submit`].
+    ///
+    /// # Panics
+    /// As [`Executor::submit`].
+    pub fn run_seen(&mut self, recording: &Recording, mut show: impl FnMut(usize, u64, &[u8])) -> Result<(), GpuError> {
+        let ran = self.submit_all(recording, &mut show).and_then(|()| self.wait_for_all(&mut show));
+        if ran.is_err() {
+            // What still comes back belongs to no recording.
+            self.slots.iter_mut().for_each(|slot| slot.downloads.clear());
         }
-        Ok(())
+        ran
     }
 
     /// Waits for everything that was submitted.
@@ -413,98 +314,47 @@ impl Executor {
     /// # Errors
     /// When the device is lost.
     pub fn wait(&mut self) -> Result<(), GpuError> {
-        (0..SLOTS).try_for_each(|i| self.finish((self.next_slot + i) % SLOTS))
+        self.wait_for_all(&mut |_, _, _| ())
     }
 
-    /// Copies a whole buffer to the host, after everything that was submitted.
-    ///
-    /// # Errors
-    /// When the device is lost.
-    ///
-    /// # Panics
-    /// When no buffer has that name.
-    pub fn read(&mut self, name: &str) -> Result<Vec<u8>, GpuError> {
-        let size = self.buffers[name].size;
-        let mut bytes = Vec::with_capacity(size as usize);
-        self.visit(name, size, |_, part| bytes.extend_from_slice(part))?;
-        Ok(bytes)
-    }
-
-    /// Shows the host the first `size` bytes of a buffer where they are, after everything that was submitted: in parts
-    /// of whole 64 bytes, each with the byte that it begins at.
+    /// Overwrites the first `size` bytes of a buffer, after everything that was submitted, with what is made in place:
+    /// `put` fills them in parts of whole 64 bytes, each with the byte that it begins at.
     ///
     /// # Errors
     /// When the device is lost.
     ///
     /// # Panics
     /// When no buffer has that name or it is too small.
-    pub fn visit(&mut self, name: &str, size: u64, mut show: impl FnMut(u64, &[u8])) -> Result<(), GpuError> {
-        self.wait()?;
-        assert!(size <= self.buffers[name].size, "what is read of {name} is in it");
-        for offset in (0..size).step_by(STAGING_BYTES as usize) {
-            let length = (size - offset).min(STAGING_BYTES);
-            let regions = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: length }];
-            let (source, readback) = (self.buffers[name].raw, self.readback.raw);
-            self.run_once(|device, commands| {
-                // SAFETY: both buffers are alive and the region lies in both.
-                unsafe { device.cmd_copy_buffer(commands, source, readback, &regions) }
-            })?;
-            show(offset, &self.readback.bytes()[..length as usize]);
+    pub fn fill(
+        &mut self,
+        buffer: &'static str,
+        size: u64,
+        mut put: impl FnMut(u64, &mut [u8]),
+    ) -> Result<(), GpuError> {
+        assert!(size <= self.resources.size(buffer), "the contents of {buffer} fit it");
+        for offset in (0..size).step_by(self.resources.carried as usize) {
+            let bytes = (size - offset).min(self.resources.carried);
+            let slot = self.free_slot(&mut |_, _, _| ())?;
+            put(offset, &mut self.resources.staged(slot)[..bytes as usize]);
+            self.record(slot, &[Step::Upload { buffer, offset, staged_at: 0, bytes, contents: None }])?;
+            self.launch(slot)?;
         }
         Ok(())
     }
 
-    /// Overwrites a buffer from its start, after everything that was submitted.
-    ///
-    /// # Errors
-    /// When the device is lost.
-    ///
-    /// # Panics
-    /// When no buffer has that name or it is too small.
-    pub fn write(&mut self, name: &str, bytes: &[u8]) -> Result<(), GpuError> {
-        self.fill(name, bytes.len() as u64, |offset, part| {
-            part.copy_from_slice(&bytes[offset as usize..][..part.len()]);
-        })
-    }
-
-    /// Overwrites the first `size` bytes of a buffer, after everything that was submitted. `put` fills them in parts of
-    /// whole 64 bytes, each with the byte that it begins at.
-    ///
-    /// # Errors
-    /// When the device is lost.
-    ///
-    /// # Panics
-    /// When no buffer has that name or it is too small.
-    pub fn fill(&mut self, name: &str, size: u64, mut put: impl FnMut(u64, &mut [u8])) -> Result<(), GpuError> {
-        self.wait()?;
-        assert!(size <= self.buffers[name].size, "the contents of {name} fit it");
-        for offset in (0..size).step_by(STAGING_BYTES as usize) {
-            let length = (size - offset).min(STAGING_BYTES);
-            put(offset, &mut self.staging.bytes()[..length as usize]);
-            let regions = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: length }];
-            let (staging, target) = (self.staging.raw, self.buffers[name].raw);
-            self.run_once(|device, commands| {
-                // SAFETY: both buffers are alive and the region lies in both.
-                unsafe { device.cmd_copy_buffer(commands, staging, target, &regions) }
-            })?;
+    /// Gives the buffers their first contents.
+    fn fill_first(&mut self, roles: &[BufferRole<'_>]) -> Result<(), GpuError> {
+        let mut zeros = Recording::default();
+        for role in roles {
+            match role.contents {
+                Some(contents) => self.fill(role.name, contents.len() as u64, |offset, part| {
+                    part.copy_from_slice(&contents[offset as usize..][..part.len()]);
+                })?,
+                None => drop(zeros.clear(role.name)),
+            }
         }
-        Ok(())
-    }
-
-    /// Fills a buffer with zeros, after everything that was submitted.
-    ///
-    /// # Errors
-    /// When the device is lost.
-    ///
-    /// # Panics
-    /// When no buffer has that name.
-    pub fn clear(&mut self, name: &str) -> Result<(), GpuError> {
-        self.wait()?;
-        let buffer = self.buffers[name].raw;
-        self.run_once(|device, commands| {
-            // SAFETY: the buffer is alive and has transfer usage.
-            unsafe { device.cmd_fill_buffer(commands, buffer, 0, vk::WHOLE_SIZE, 0) }
-        })
+        self.submit(&zeros)?;
+        self.wait()
     }
 
     fn make_slots(&mut self) -> Result<(), GpuError> {
@@ -525,7 +375,7 @@ impl Executor {
         for (number, commands) in buffers.into_iter().enumerate() {
             let info = vk::QueryPoolCreateInfo::default()
                 .query_type(vk::QueryType::TIMESTAMP)
-                .query_count(MAX_TIMED_PASSES + FIRST_PASS as u32 + 1);
+                .query_count((MAX_STEPS + FIRST_STEP) as u32 + 1);
             // SAFETY: the infos are complete; `drop` destroys what was made.
             let (fence, queries) = unsafe {
                 (
@@ -536,81 +386,25 @@ impl Executor {
             labels.name(commands, format_args!("submission {number}"));
             labels.name(fence, format_args!("end of submission {number}"));
             labels.name(queries, format_args!("timestamps of submission {number}"));
-            self.slots.push(Slot { commands, fence, queries, pending: None, start: Instant::now(), counts: None });
+            self.slots.push(Slot {
+                commands,
+                fence,
+                queries,
+                pending: None,
+                downloads: Vec::new(),
+                start: Instant::now(),
+                counts: None,
+            });
         }
         Ok(())
     }
 
-    fn make_buffer(&mut self, role: &BufferRole<'_>) -> Result<(), GpuError> {
-        let kind = match role.usage {
-            BufferUse::Uniform => vk::BufferUsageFlags::UNIFORM_BUFFER,
-            BufferUse::Scene { .. } if self.access.texel_fetch => vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER,
-            BufferUse::Scene { .. } => vk::BufferUsageFlags::STORAGE_BUFFER,
-            BufferUse::State => vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::INDIRECT_BUFFER,
-        };
-        let usage = kind | vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
-        let mut buffer = Buffer::new(&self.device, role.name, role.size, usage, MemoryLocation::GpuOnly)?;
-        if let (BufferUse::Scene { texel_bytes }, true) = (role.usage, self.access.texel_fetch) {
-            buffer.view_as(
-                role.name,
-                if texel_bytes == 16 { vk::Format::R32G32B32A32_UINT } else { vk::Format::R32G32_UINT },
-            )?;
-        }
-        self.buffers.insert(role.name, buffer);
-        match role.contents {
-            Some(contents) => self.write(role.name, contents),
-            None => self.clear(role.name),
-        }
-    }
-
-    fn make_sets(&mut self) -> Result<(), GpuError> {
-        let device = &self.device.raw;
-        let mut counts: HashMap<vk::DescriptorType, u32> = HashMap::new();
-        for binding in self.pipelines.bindings.values() {
-            *counts.entry(descriptor_type(binding.kind)).or_default() += 1;
-        }
-        let sizes: Vec<_> =
-            counts.into_iter().map(|(ty, descriptor_count)| vk::DescriptorPoolSize { ty, descriptor_count }).collect();
-        let info = vk::DescriptorPoolCreateInfo::default()
-            .max_sets(self.pipelines.set_layouts.len() as u32)
-            .pool_sizes(&sizes);
-        // SAFETY: `info` holds locals only.
-        self.descriptor_pool =
-            unsafe { device.create_descriptor_pool(&info, None) }.during("making a descriptor pool")?;
-        self.device.labels.name(self.descriptor_pool, format_args!("all sets"));
-        let info = vk::DescriptorSetAllocateInfo::default()
-            .descriptor_pool(self.descriptor_pool)
-            .set_layouts(&self.pipelines.set_layouts);
-        // SAFETY: the pool has room for exactly these sets.
-        self.sets = unsafe { device.allocate_descriptor_sets(&info) }.during("making descriptor sets")?;
-        for (number, set) in self.sets.iter().enumerate() {
-            self.device.labels.name(*set, format_args!("set {number}"));
-        }
-        for binding in self.pipelines.bindings.values() {
-            let buffer = self.buffers.get(binding.name).ok_or(GpuError::UnboundBinding { binding: binding.name })?;
-            let infos = [vk::DescriptorBufferInfo { buffer: buffer.raw, offset: 0, range: vk::WHOLE_SIZE }];
-            let views = [buffer.view];
-            let write = vk::WriteDescriptorSet::default()
-                .dst_set(self.sets[binding.set as usize])
-                .dst_binding(binding.binding)
-                .descriptor_type(descriptor_type(binding.kind));
-            let write = match binding.kind {
-                BindingKind::UniformTexelBuffer => write.texel_buffer_view(&views),
-                _ => write.buffer_info(&infos),
-            };
-            // SAFETY: set, buffer and view are alive, and no submission uses the set yet.
-            unsafe { device.update_descriptor_sets(&[write], &[]) };
-        }
-        Ok(())
-    }
-
-    /// Makes the driver finish every pipeline by a launch of no workgroup: lavapipe compiles a
-    /// kernel when it is first launched, with its bindings. What the launch took belongs to the
-    /// pipeline's time.
+    /// Makes the driver finish every pipeline by a launch of no workgroup: lavapipe compiles a kernel when it is first
+    /// launched, with its bindings. The launch counts towards the pipeline's build time.
     fn warm_up(&mut self) -> Result<(), GpuError> {
         for name in self.pipelines.names() {
-            let (pipeline, _) = self.pipelines.get(name);
-            let (layout, sets) = (self.pipelines.layout, self.sets.clone());
+            let pipeline = self.pipelines.get(name).pipeline;
+            let (layout, sets) = (self.pipelines.layout, self.resources.sets.clone());
             let constants = vec![0; self.pipelines.push_constant_size as usize];
             let shared = Arc::clone(&self.device);
             let start = Instant::now();
@@ -634,87 +428,159 @@ impl Executor {
         Ok(())
     }
 
-    /// Records passes into a free slot.
-    fn record(&mut self, slot: usize, passes: &[Pass]) -> Result<(), GpuError> {
-        let _stage = self.device.stages().begin("record");
+    /// Submits a recording, cut to what fits a submission. Shows what earlier ones bring back that are waited for.
+    fn submit_all(&mut self, recording: &Recording, show: &mut Show<'_>) -> Result<(), GpuError> {
+        let room = Room { steps: MAX_STEPS, bytes: self.resources.carried };
+        let cut = submissions(recording, room, |name| self.resources.size(name));
+        for steps in cut.iter().filter(|steps| !steps.is_empty()) {
+            let slot = self.free_slot(show)?;
+            self.record(slot, steps)?;
+            self.launch(slot)?;
+        }
+        Ok(())
+    }
+
+    fn wait_for_all(&mut self, show: &mut Show<'_>) -> Result<(), GpuError> {
+        (0..SLOTS).try_for_each(|i| self.finish((self.next_slot + i) % SLOTS, show))
+    }
+
+    /// The slot that was submitted before the others, waited for.
+    fn free_slot(&mut self, show: &mut Show<'_>) -> Result<usize, GpuError> {
+        let slot = self.next_slot;
+        self.next_slot = (slot + 1) % SLOTS;
+        self.finish(slot, show)?;
+        Ok(slot)
+    }
+
+    /// Records steps into a free slot. Those of a submission without a launch are not timed.
+    fn record(&mut self, slot: usize, steps: &[Step<'_>]) -> Result<(), GpuError> {
+        let launches = steps.iter().any(|step| step.dispatch().is_some());
+        let _stage = launches.then(|| self.device.stages().begin("record"));
+        self.stage(slot, steps);
         let (device, labels) = (&self.device.raw, &self.device.labels);
         let Slot { commands, queries, .. } = self.slots[slot];
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        let timestamps = (FIRST_PASS + passes.len() + 1) as u32;
+        let timestamps = (FIRST_STEP + steps.len() + 1) as u32;
+        let end = vk::PipelineStageFlags::BOTTOM_OF_PIPE;
+        // SAFETY: the slot is free, and the pool has room for a timestamp of each step that a submission may have.
+        let stamp = |stage, query| unsafe {
+            if launches {
+                device.cmd_write_timestamp(commands, stage, queries, query);
+            }
+        };
         // SAFETY: the slot is free; sets, layout and pool are alive until the executor is dropped.
-        // The pool has room for as many passes as a submission has, here and below.
         unsafe {
             device.begin_command_buffer(commands, &begin).during("recording commands")?;
-            device.cmd_reset_query_pool(commands, queries, 0, timestamps);
-            device.cmd_write_timestamp(commands, vk::PipelineStageFlags::TOP_OF_PIPE, queries, 0);
-            device.cmd_bind_descriptor_sets(
-                commands,
-                vk::PipelineBindPoint::COMPUTE,
-                self.pipelines.layout,
-                0,
-                &self.sets,
-                &[],
-            );
-        }
-        // What earlier submissions wrote is seen by this one.
-        self.barrier(commands);
-        let mut hazards = Hazards::default();
-        let mut launched = Vec::with_capacity(passes.len());
-        let mut before = None;
-        // SAFETY: as above.
-        unsafe { device.cmd_write_timestamp(commands, vk::PipelineStageFlags::BOTTOM_OF_PIPE, queries, 1) };
-        for pass in passes {
-            let (Pass::Dispatch { kernel, batch, .. } | Pass::DispatchIndirect { kernel, batch, .. }) = pass;
-            let (pipeline, bindings) = self.pipelines.get(kernel);
-            let indirect = matches!(pass, Pass::DispatchIndirect { .. }).then_some("control");
-            let reads = bindings.iter().filter(|b| b.reads).map(|b| b.name).chain(indirect);
-            let writes = bindings.iter().filter(|b| b.writes).map(|b| b.name);
-            if hazards.needs_barrier(reads, writes) {
-                self.barrier(commands);
-            }
-            let constants = bytemuck::bytes_of(batch);
-            let takes = self.pipelines.push_constant_size;
-            assert!(takes == 0 || takes == constants.len() as u32, "{kernel} takes a batch or nothing");
-            launched.push(Launched { kernel, bounce: batch.bounce, of_bounce: pass.of_bounce() });
-            labels.between(commands, before.replace(pass), Some(pass));
-            // SAFETY: the pipeline belongs to the layout that is bound; indirect arguments lie in
-            // `control`, which has indirect usage; the query index is within the pool.
-            unsafe {
-                device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline);
-                if takes > 0 {
-                    let stages = vk::ShaderStageFlags::COMPUTE;
-                    device.cmd_push_constants(commands, self.pipelines.layout, stages, 0, constants);
-                }
-                match pass {
-                    Pass::Dispatch { groups, .. } => device.cmd_dispatch(commands, *groups, 1, 1),
-                    Pass::DispatchIndirect { arguments, .. } => {
-                        device.cmd_dispatch_indirect(commands, self.buffers["control"].raw, *arguments);
-                    }
-                }
-                device.cmd_write_timestamp(
+            if launches {
+                device.cmd_reset_query_pool(commands, queries, 0, timestamps);
+                device.cmd_bind_descriptor_sets(
                     commands,
-                    vk::PipelineStageFlags::BOTTOM_OF_PIPE,
-                    queries,
-                    (FIRST_PASS + launched.len()) as u32 - 1,
+                    vk::PipelineBindPoint::COMPUTE,
+                    self.pipelines.layout,
+                    0,
+                    &self.resources.sets,
+                    &[],
                 );
             }
         }
+        stamp(vk::PipelineStageFlags::TOP_OF_PIPE, 0);
+        // What earlier submissions wrote is seen by this one.
+        self.barrier(commands);
+        stamp(end, 1);
+        let mut hazards = Hazards::default();
+        let mut before = None;
+        for (query, step) in (FIRST_STEP as u32..).zip(steps) {
+            let bindings = step.dispatch().map(|dispatch| self.pipelines.get(dispatch.kernel.name).bindings.as_slice());
+            if hazards.needs_barrier(&step.accesses(bindings.unwrap_or_default())) {
+                self.barrier(commands);
+            }
+            labels.between(commands, before.replace(step), Some(step));
+            self.encode(commands, slot, step);
+            stamp(end, query);
+        }
         labels.between(commands, before, None);
         self.barrier(commands);
-        // SAFETY: as above.
-        unsafe {
-            device.cmd_write_timestamp(commands, vk::PipelineStageFlags::BOTTOM_OF_PIPE, queries, timestamps - 1);
-        }
-        if let (Some(tracing), Some(counts)) = (&self.tracing, &self.slots[slot].counts) {
+        stamp(end, timestamps - 1);
+        let downloads = steps.iter().filter_map(|step| match step {
+            Step::Download(part) => Some(*part),
+            _ => None,
+        });
+        let downloads: Vec<_> = downloads.collect();
+        let mut host_reads = !downloads.is_empty();
+        if let (Some(tracing), Some(counts), true) = (&self.times.tracing, &self.slots[slot].counts, launches) {
             let regions = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: counts.size }];
+            let source = self.resources.buffer(tracing.counts);
             // SAFETY: both buffers are alive and as large as the region; the host has read what was there before.
-            unsafe { device.cmd_copy_buffer(commands, self.buffers[tracing.counts].raw, counts.raw, &regions) };
+            unsafe { device.cmd_copy_buffer(commands, source, counts.raw, &regions) };
+            host_reads = true;
+        }
+        if host_reads {
             self.host_barrier(commands);
         }
         // SAFETY: recording was begun above.
         unsafe { device.end_command_buffer(commands) }.during("recording commands")?;
-        self.slots[slot].pending = Some(launched);
+        let launched = |Dispatch { kernel, bounce, .. }: &Dispatch| Launched { kernel: kernel.name, bounce: *bounce };
+        self.slots[slot].pending = Some(steps.iter().map(|step| step.dispatch().map(launched)).collect());
+        self.slots[slot].downloads = downloads;
         Ok(())
+    }
+
+    /// Puts what a submission uploads where the device takes it from.
+    fn stage(&mut self, slot: usize, steps: &[Step<'_>]) {
+        for step in steps {
+            if let Step::Upload { staged_at, contents: Some(contents), .. } = step {
+                self.resources.staged(slot)[*staged_at as usize..][..contents.len()].copy_from_slice(contents);
+            }
+        }
+    }
+
+    /// Records one step.
+    fn encode(&self, commands: vk::CommandBuffer, slot: usize, step: &Step<'_>) {
+        let (device, resources) = (&self.device.raw, &self.resources);
+        let carried_at = slot as u64 * resources.carried;
+        let copy = |from, src_offset, to, dst_offset, size| {
+            let regions = [vk::BufferCopy { src_offset, dst_offset, size }];
+            // SAFETY: both buffers are alive and have transfer usage, and the region lies in both.
+            unsafe { device.cmd_copy_buffer(commands, from, to, &regions) };
+        };
+        match *step {
+            Step::Dispatch(dispatch) => self.dispatch(commands, dispatch),
+            Step::Upload { buffer, offset, staged_at, bytes, .. } => {
+                copy(resources.staging.raw, carried_at + staged_at, resources.buffer(buffer), offset, bytes);
+            }
+            // SAFETY: the buffer is alive and has transfer usage.
+            Step::Clear { buffer } => unsafe {
+                device.cmd_fill_buffer(commands, resources.buffer(buffer), 0, vk::WHOLE_SIZE, 0);
+            },
+            Step::Copy { from, to, bytes } => copy(resources.buffer(from), 0, resources.buffer(to), 0, bytes),
+            Step::Download(Downloaded { buffer, offset, at, bytes, .. }) => {
+                copy(resources.buffer(buffer), offset, resources.readback.raw, carried_at + at, bytes);
+            }
+        }
+    }
+
+    /// Records a launch.
+    fn dispatch(&self, commands: vk::CommandBuffer, dispatch: &Dispatch) {
+        let (device, layout) = (&self.device.raw, self.pipelines.layout);
+        let Dispatch { kernel, workgroups, constants, .. } = dispatch;
+        let built = self.pipelines.get(kernel.name);
+        let takes = built.push_constant_size as usize;
+        assert!(takes == 0 || takes == constants.len(), "{} takes {takes} bytes of push constants", kernel.name);
+        // SAFETY: the pipeline belongs to the layout that is bound, whose range holds the kernel's push constants; a buffer
+        // of state has indirect usage, and its size holds the arguments.
+        unsafe {
+            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, built.pipeline);
+            if takes > 0 {
+                device.cmd_push_constants(commands, layout, vk::ShaderStageFlags::COMPUTE, 0, constants);
+            }
+            match *workgroups {
+                Workgroups::Direct(groups) => device.cmd_dispatch(commands, groups, 1, 1),
+                Workgroups::Indirect { buffer, offset } => {
+                    assert!(offset + 12 <= self.resources.size(buffer), "{buffer} holds the size of a launch");
+                    device.cmd_dispatch_indirect(commands, self.resources.buffer(buffer), offset);
+                }
+            }
+        }
     }
 
     /// Makes all that was written visible to all that follows.
@@ -745,11 +611,11 @@ impl Executor {
     }
 
     fn launch(&mut self, slot: usize) -> Result<(), GpuError> {
+        let is_recording = self.slots[slot].launches();
         let _stage = self.device.stages().begin("submit");
         let Slot { commands, fence, .. } = self.slots[slot];
         let buffers = [commands];
         let submits = [vk::SubmitInfo::default().command_buffers(&buffers)];
-        let is_recording = self.slots[slot].pending.as_ref().is_some_and(|passes| !passes.is_empty());
         self.slots[slot].start = Instant::now();
         let result = if self.device.is_lost(is_recording) {
             Err(vk::Result::ERROR_DEVICE_LOST)
@@ -767,9 +633,9 @@ impl Executor {
         result
     }
 
-    /// Waits for a slot and gathers its times.
-    fn finish(&mut self, slot: usize) -> Result<(), GpuError> {
-        let Slot { fence, queries, .. } = self.slots[slot];
+    /// Waits for a slot, gathers its times and shows what it has brought back.
+    fn finish(&mut self, slot: usize, show: &mut Show<'_>) -> Result<(), GpuError> {
+        let Slot { fence, queries, start, .. } = self.slots[slot];
         if self.slots[slot].pending.is_none() {
             return Ok(());
         }
@@ -780,76 +646,27 @@ impl Executor {
         drop(waiting);
         // SAFETY: the fence is signalled and nothing waits for it.
         unsafe { self.device.raw.reset_fences(&[fence]) }.during("resetting a fence")?;
-        let launched = self.slots[slot].pending.take().unwrap_or_default();
-        let host_seconds = self.slots[slot].start.max(self.last_end).elapsed().as_secs_f64();
-        self.last_end = Instant::now();
-        if launched.is_empty() {
-            return Ok(());
-        }
-        if self.device.description.timestamp_bits == 0 {
-            self.submission_seconds.push(host_seconds);
-            for pass in &launched {
-                self.times.entry((pass.kernel, pass.bounce)).or_default().launches += 1;
+        let is_recording = self.slots[slot].launches();
+        let steps = self.slots[slot].pending.take().unwrap_or_default();
+        let host_seconds = start.max(self.times.last_end).elapsed().as_secs_f64();
+        self.times.last_end = Instant::now();
+        if is_recording {
+            let mut ticks = vec![0_u64; if self.has_clock() { FIRST_STEP + steps.len() + 1 } else { 0 }];
+            if self.has_clock() {
+                let flags = vk::QueryResultFlags::TYPE_64;
+                // SAFETY: the commands that wrote these queries are complete.
+                unsafe { self.device.raw.get_query_pool_results(queries, 0, &mut ticks, flags) }
+                    .during("reading timestamps")?;
             }
-            return self.trace(slot, &launched, &[]);
-        }
-        let mut ticks = vec![0_u64; FIRST_PASS + launched.len() + 1];
-        // SAFETY: the commands that wrote these queries are complete.
-        unsafe { self.device.raw.get_query_pool_results(queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) }
-            .during("reading timestamps")?;
-        let mask = u64::MAX >> (64 - self.device.description.timestamp_bits.clamp(1, 64));
-        let seconds_per_tick = f64::from(self.device.description.timestamp_period) * 1e-9;
-        let seconds = |from: u64, to: u64| (to.wrapping_sub(from) & mask) as f64 * seconds_per_tick;
-        let whole = seconds(ticks[0], ticks[ticks.len() - 1]);
-        self.seconds += whole;
-        // From the end of the opening barrier on: before it the submission may wait for the one before.
-        self.submission_seconds.push(seconds(ticks[FIRST_PASS - 1], ticks[ticks.len() - 1]));
-        let before = self.device.last_end.swap(ticks[ticks.len() - 1], Ordering::Relaxed);
-        // A recording may begin while the one before it ends.
-        let overlaps = ticks[0].wrapping_sub(before) & mask > mask / 2;
-        self.idle.note((before != 0).then(|| if overlaps { 0.0 } else { seconds(before, ticks[0]) }));
-        for (pass, pair) in launched.iter().zip(ticks[FIRST_PASS - 1..].windows(2)) {
-            let time = self.times.entry((pass.kernel, pass.bounce)).or_default();
-            time.seconds += seconds(pair[0], pair[1]);
-            time.launches += 1;
-            if let Some(launches) = &mut self.launches {
-                launches.push(seconds(pair[0], pair[1]));
+            self.times.note(&self.device, &steps, &ticks, host_seconds);
+            if let Some(counts) = &mut self.slots[slot].counts {
+                let counts = counts.bytes().to_vec();
+                self.times.trace(&steps, &ticks, start, counts)?;
             }
         }
-        self.trace(slot, &launched, &ticks)
-    }
-
-    /// Keeps what a trace shows of a submission that has just ended, by its timestamps; none where the device has no
-    /// clock.
-    fn trace(&mut self, slot: usize, launched: &[Launched], ticks: &[u64]) -> Result<(), GpuError> {
-        let Slot { start: submitted, counts, .. } = &mut self.slots[slot];
-        let (Some(tracing), Some(counts)) = (&mut self.tracing, counts) else { return Ok(()) };
-        let mut passes = Vec::new();
-        if let (Some(&first), true) = (ticks.first(), launched.len() <= tracing.room) {
-            tracing.clock.align(first, *submitted)?;
-            let times: Vec<_> = ticks[FIRST_PASS - 1..].iter().map(|&ticks| tracing.clock.time(ticks)).collect();
-            let spans = spans_after(tracing.until, &times[..=launched.len()]);
-            let traced = |(pass, [start, end]): (&Launched, [Instant; 2])| {
-                let Launched { kernel, of_bounce, .. } = *pass;
-                TracedPass { kernel, of_bounce, start, end }
-            };
-            passes = launched.iter().zip(spans).map(traced).collect();
-            tracing.until = passes.last().map(|pass| pass.end);
-            tracing.room -= passes.len();
+        for Downloaded { number, offset, at, bytes, .. } in std::mem::take(&mut self.slots[slot].downloads) {
+            show(number, offset, &self.resources.brought(slot)[at as usize..][..bytes as usize]);
         }
-        let dropped = if ticks.is_empty() { 0 } else { launched.len() - passes.len() };
-        if dropped > 0 {
-            // Nothing after a gap: what follows would look as if it were all.
-            tracing.room = 0;
-        }
-        let counts = counts.bytes().to_vec();
-        tracing.submissions.push(TracedSubmission {
-            submitted: *submitted,
-            seen: self.last_end,
-            passes,
-            dropped,
-            counts,
-        });
         Ok(())
     }
 
@@ -857,8 +674,8 @@ impl Executor {
     fn lost(&self, slot: usize, result: Result<(), vk::Result>, action: &'static str) -> Result<(), GpuError> {
         result.map_err(|result| match result {
             vk::Result::ERROR_DEVICE_LOST => {
-                let passes = self.slots[slot].pending.iter().flatten();
-                let mut kernels: Vec<_> = passes.map(|pass| pass.kernel).collect();
+                let steps = self.slots[slot].pending.iter().flatten().flatten();
+                let mut kernels: Vec<_> = steps.map(|launched| launched.kernel).collect();
                 kernels.sort_unstable();
                 kernels.dedup();
                 let pass = if kernels.is_empty() { "a copy".to_owned() } else { kernels.join(", ") };
@@ -868,22 +685,20 @@ impl Executor {
         })
     }
 
-    /// Records, runs and awaits commands that are not passes. Nothing else is under way.
+    /// Records, runs and awaits commands that are no recording. Nothing else is under way.
     fn run_once(&mut self, fill: impl FnOnce(&ash::Device, vk::CommandBuffer)) -> Result<(), GpuError> {
-        let slot = self.next_slot;
-        self.finish(slot)?;
+        let slot = self.free_slot(&mut |_, _, _| ())?;
         let commands = self.slots[slot].commands;
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: the slot is free.
         unsafe { self.device.raw.begin_command_buffer(commands, &begin) }.during("recording commands")?;
         self.barrier(commands);
         fill(&self.device.raw, commands);
-        self.host_barrier(commands);
         // SAFETY: recording was begun above.
         unsafe { self.device.raw.end_command_buffer(commands) }.during("recording commands")?;
         self.slots[slot].pending = Some(Vec::new());
         self.launch(slot)?;
-        self.finish(slot)
+        self.wait()
     }
 
     /// Lets the host read what a copy wrote.
@@ -906,11 +721,14 @@ impl Executor {
     }
 }
 
-/// From each time to the next one, all of it moved so that it begins no earlier than `until`: clocks that are read anew
-/// for each submission move it by as much as they may be apart, and passes do not overlap for that.
-fn spans_after(until: Option<Instant>, times: &[Instant]) -> Vec<[Instant; 2]> {
-    let late = until.map_or(Duration::ZERO, |until| until.saturating_duration_since(times[0]));
-    times.windows(2).map(|pair| [pair[0] + late, pair[1].max(pair[0]) + late]).collect()
+/// Sees what is brought back: the number of the download, where the part begins in the buffer, and its bytes.
+type Show<'a> = dyn FnMut(usize, u64, &[u8]) + 'a;
+
+impl Slot {
+    /// Whether what is under way has launches.
+    fn launches(&self) -> bool {
+        self.pending.iter().flatten().any(Option::is_some)
+    }
 }
 
 impl Drop for Executor {
@@ -925,75 +743,6 @@ impl Drop for Executor {
                 device.destroy_query_pool(slot.queries, None);
             }
             device.destroy_command_pool(self.command_pool, None);
-            device.destroy_descriptor_pool(self.descriptor_pool, None);
         }
-    }
-}
-
-impl Idle {
-    /// Notes the time before a recording; `None` before the device's first.
-    fn note(&mut self, seconds: Option<f64>) {
-        match self.between {
-            None => (self.before, self.between) = (seconds, Some(0.0)),
-            Some(between) => self.between = Some(between + seconds.unwrap_or(0.0)),
-        }
-    }
-}
-
-/// Buffers touched since the last barrier.
-#[derive(Default)]
-struct Hazards {
-    read: HashSet<&'static str>,
-    written: HashSet<&'static str>,
-}
-
-impl Hazards {
-    /// Notes a pass, and says whether it must wait for the passes before it.
-    fn needs_barrier(
-        &mut self,
-        reads: impl Iterator<Item = &'static str> + Clone,
-        writes: impl Iterator<Item = &'static str> + Clone,
-    ) -> bool {
-        let after_write = reads.clone().chain(writes.clone()).any(|name| self.written.contains(name));
-        let after_read = writes.clone().any(|name| self.read.contains(name));
-        let hazard = after_write || after_read;
-        if hazard {
-            self.read.clear();
-            self.written.clear();
-        }
-        self.read.extend(reads);
-        self.written.extend(writes);
-        hazard
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn submissions_do_not_overlap_for_what_clocks_are_apart() {
-        let start = Instant::now();
-        let at = |nanoseconds| start + Duration::from_nanos(nanoseconds);
-        let times = [100, 130, 130, 170].map(at);
-        let spans = |from: [u64; 4]| from.windows(2).map(|pair| [at(pair[0]), at(pair[1])]).collect::<Vec<_>>();
-        assert_eq!(spans_after(None, &times), spans([100, 130, 130, 170]));
-        assert_eq!(spans_after(Some(at(90)), &times), spans([100, 130, 130, 170]), "a gap stays one");
-        assert_eq!(spans_after(Some(at(105)), &times), spans([105, 135, 135, 175]), "it is moved as a whole");
-        assert!(spans_after(Some(at(105)), &times[..1]).is_empty());
-    }
-
-    #[test]
-    fn passes_wait_for_what_they_share() {
-        let mut hazards = Hazards::default();
-        let mut pass = |reads: &[&'static str], writes: &[&'static str]| {
-            hazards.needs_barrier(reads.iter().copied(), writes.iter().copied())
-        };
-        assert!(!pass(&["scene"], &["hits"]));
-        assert!(!pass(&["scene"], &["film"]), "readers of one buffer do not wait for each other");
-        assert!(pass(&["hits"], &["paths"]), "a read waits for a write");
-        assert!(!pass(&["scene"], &["film"]), "a barrier clears what came before it");
-        assert!(pass(&["scene"], &["hits"]), "a write waits for a read");
-        assert!(pass(&["scene"], &["hits"]), "a write waits for a write");
     }
 }

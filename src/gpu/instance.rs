@@ -107,11 +107,11 @@ pub struct DeviceDescription {
     pub timestamp_period: f32,
     /// Why it cannot be used, if it cannot.
     pub unusable: Option<String>,
-    /// What is known of its multiprocessors, which NVIDIA's drivers alone tell.
+    /// What is known of its multiprocessors, which only NVIDIA's drivers report.
     pub multiprocessors: Option<Multiprocessors>,
     /// Whether the driver tells what it made of kernels.
     pub(super) tells_executables: bool,
-    /// How its clock can be read beside the host's.
+    /// How its clock can be read together with the host's.
     pub(super) calibrates: Option<Calibrates>,
     pub(super) identity: Identity,
     pub(super) queue_family: u32,
@@ -128,7 +128,7 @@ impl DeviceDescription {
         self.subgroup_ballot && (self.is_software() || self.promises.reconvergence == Some(Reconvergence::Maximal))
     }
 
-    /// A name for files of what belongs to this device and this version of its driver alone.
+    /// A file name for what belongs only to this device and this version of its driver.
     pub fn cache_name(&self) -> String {
         self.identity.name()
     }
@@ -477,7 +477,7 @@ impl Drop for Instance {
 /// Stores a message of the validation layer.
 ///
 /// # Safety
-/// Called by Vulkan alone, with valid `data` and with the `user_data` that `listen` passed.
+/// Called only by Vulkan, with valid `data` and with the `user_data` that `listen` passed.
 unsafe extern "system" fn on_message(
     _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     _kind: vk::DebugUtilsMessageTypeFlagsEXT,

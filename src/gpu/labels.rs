@@ -9,7 +9,7 @@ use ash::{ext, vk};
 
 use super::error::GpuError;
 use super::instance::Instance;
-use crate::recording::Pass;
+use super::steps::Step;
 
 /// The functions that name and label, where anyone is there to see it.
 pub(super) struct Labels(Option<ext::debug_utils::Device>);
@@ -41,14 +41,14 @@ impl Labels {
         let Some(functions) = &self.0 else { return };
         let name = text(&name.to_string());
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
-        // SAFETY: the object is alive and of this device, and the name a local. It can fail for want of memory alone,
-        // and then only the name is missing.
+        // SAFETY: the object is alive and of this device, and the name a local. It fails only for want of
+        // memory, and then only the name is missing.
         let _ = unsafe { functions.set_debug_utils_object_name(&info) };
     }
 
-    /// Opens and closes the regions that lie between two passes of a command buffer, or before the first or behind the
+    /// Opens and closes the regions that lie between two steps of a command buffer, or before the first or behind the
     /// last one.
-    pub fn between(&self, commands: vk::CommandBuffer, before: Option<&Pass>, after: Option<&Pass>) {
+    pub fn between(&self, commands: vk::CommandBuffer, before: Option<&Step<'_>>, after: Option<&Step<'_>>) {
         if self.are_set() {
             marks_between(before, after).iter().for_each(|mark| self.put(commands, mark));
         }
@@ -91,10 +91,10 @@ enum Mark {
     Close,
 }
 
-/// A bounce is a region, and in it, or outside of any, each pass is one.
-fn marks_between(before: Option<&Pass>, after: Option<&Pass>) -> Vec<Mark> {
+/// A bounce is a region, and in it, or outside of any, each step is one.
+fn marks_between(before: Option<&Step<'_>>, after: Option<&Step<'_>>) -> Vec<Mark> {
     let mut marks = Vec::new();
-    let [from, to] = [before, after].map(|pass| pass.and_then(Pass::of_bounce));
+    let [from, to] = [before, after].map(|step| step.and_then(Step::dispatch).and_then(|dispatch| dispatch.bounce));
     if before.is_some() {
         marks.push(Mark::Close);
     }
@@ -102,25 +102,24 @@ fn marks_between(before: Option<&Pass>, after: Option<&Pass>) -> Vec<Mark> {
         marks.extend(from.map(|_| Mark::Close));
         marks.extend(to.map(|bounce| Mark::Open(format!("bounce {bounce}"))));
     }
-    if let Some(Pass::Dispatch { kernel, .. } | Pass::DispatchIndirect { kernel, .. }) = after {
-        marks.push(Mark::Open((*kernel).to_owned()));
-    }
+    marks.extend(after.map(|step| Mark::Open(step.label())));
     marks
 }
 
 #[cfg(test)]
 mod tests {
-    use bytemuck::Zeroable;
-
     use super::*;
+    use crate::gpu::steps::{Room, submissions};
     use crate::recording::Recording;
+    use crate::shaders::{buffers, kernels};
 
-    /// The regions of a recording, as a tool shows them: each pass with what it lies in.
-    fn regions(recording: &Recording) -> Vec<String> {
+    /// The regions of the first steps of a recording, as a tool shows them: each step with what it lies in.
+    fn regions(recording: &Recording, most: usize) -> Vec<String> {
         let (mut open, mut seen) = (Vec::new(), Vec::new());
-        let passes: Vec<_> = recording.passes.iter().map(Some).collect();
+        let cut = submissions(recording, Room { steps: 100, bytes: 1 << 10 }, |_| 64);
+        let steps: Vec<_> = cut[0].iter().take(most).map(Some).collect();
         let mut before = None;
-        for after in passes.into_iter().chain([None]) {
+        for after in steps.into_iter().chain([None]) {
             for mark in marks_between(before, after) {
                 match mark {
                     Mark::Open(name) => open.push(name),
@@ -137,27 +136,28 @@ mod tests {
     #[test]
     fn bounces_hold_their_passes() {
         let mut recording = Recording::default();
-        recording.dispatch("generate", 1, Zeroable::zeroed());
+        recording.clear(buffers::FILM).dispatch(kernels::GENERATE, 1, &0_u32);
         for bounce in 0..2 {
             recording.bounce(bounce, |recording| {
-                recording.dispatch_indirect("extend", 16, Zeroable::zeroed());
-                recording.dispatch("prepare_dispatch", 1, Zeroable::zeroed());
+                recording.dispatch_indirect(kernels::EXTEND, (buffers::CONTROL, 16), &0_u32);
+                recording.dispatch(kernels::PREPARE_DISPATCH, 1, &0_u32);
             });
         }
-        recording.dispatch("resolve", 1, Zeroable::zeroed());
+        recording.dispatch(kernels::RESOLVE, 1, &0_u32).download(buffers::CONTROL);
         let expected = [
+            "clear film",
             "generate",
             "bounce 0 > extend",
             "bounce 0 > prepare_dispatch",
             "bounce 1 > extend",
             "bounce 1 > prepare_dispatch",
             "resolve",
+            "download control",
         ];
-        assert_eq!(regions(&recording), expected);
+        assert_eq!(regions(&recording, 100), expected);
         // A command buffer may end within a bounce, and the next one goes on in it.
-        recording.passes.truncate(2);
-        assert_eq!(regions(&recording), expected[..2]);
-        assert!(regions(&Recording::default()).is_empty());
+        assert_eq!(regions(&recording, 3), expected[..3]);
+        assert!(regions(&Recording::default(), 100).is_empty());
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! device.
 
 use super::error::GpuError;
-use super::executor::{BufferRole, BufferUse};
+use super::roles::{BufferRole, BufferUse};
 
 /// What decides whether buffers fit.
 #[derive(Debug, Clone, Copy)]
@@ -13,7 +13,7 @@ pub(super) struct MemoryLimits {
     pub texels: u64,
     /// Bytes of the heap that buffers lie in.
     pub heap_bytes: u64,
-    /// Bytes of it that are taken already, by whatever process, as far as the driver tells.
+    /// Bytes of it in use already, by any process, as far as the driver reports them.
     pub used_bytes: u64,
 }
 
@@ -78,16 +78,16 @@ fn largest_roles(roles: &[BufferRole<'_>], bytes: u64) -> String {
     let mut sorted: Vec<_> = roles.iter().map(|role| (role.name, role.size)).collect();
     sorted.sort_by_key(|(_, size)| std::cmp::Reverse(*size));
     let mut rest = bytes;
-    let mut told = Vec::new();
+    let mut parts = Vec::new();
     for (name, size) in sorted {
         if rest <= bytes / 10 {
             break;
         }
-        told.push(format!("{name} {size}"));
+        parts.push(format!("{name} {size}"));
         rest -= size;
     }
-    told.push(format!("all else {rest}"));
-    told.join(", ")
+    parts.push(format!("all else {rest}"));
+    parts.join(", ")
 }
 
 #[cfg(test)]
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heap_that_is_too_small_is_told_with_the_bytes_of_each_role() {
+    fn a_heap_that_is_too_small_is_reported_with_the_bytes_of_each_role() {
         let roles = [scene("nodes", 1600), scene("triangles", 900), state("hits", 200), state("bins", 100)];
         let plan =
             |heap_bytes, used_bytes| plan_memory(&roles, 50, true, &MemoryLimits { heap_bytes, used_bytes, ..LIMITS });

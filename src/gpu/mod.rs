@@ -10,17 +10,22 @@ mod device;
 mod error;
 mod executables;
 mod executor;
+mod hazards;
 mod instance;
 mod labels;
 mod memory;
 mod pipeline;
 mod pipeline_cache;
+mod resources;
+mod roles;
+mod steps;
+mod times;
 
 pub use clock::Alignment;
 pub use device::Device;
 pub use error::GpuError;
 pub use executables::{CompiledKernel, Executable, Figure, FigureValue, Multiprocessors};
-pub use executor::{
-    BufferRole, BufferUse, Executor, ExecutorDescription, Idle, KernelTime, TracedPass, TracedSubmission,
-};
+pub use executor::{Executor, ExecutorDescription};
 pub use instance::{DeviceDescription, DeviceKind, Instance, Tools};
+pub use roles::{BufferRole, BufferUse};
+pub use times::{Idle, KernelTime, TracedPass, TracedSubmission};

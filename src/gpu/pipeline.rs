@@ -28,10 +28,12 @@ pub(super) struct Pipelines {
 }
 
 /// A pipeline, what it was built from, and how long that took.
-struct Built {
-    pipeline: vk::Pipeline,
-    bindings: Vec<Binding>,
-    /// Of the processor, for its making: beside the others it may have waited for locks of the driver.
+pub(super) struct Built {
+    pub pipeline: vk::Pipeline,
+    pub bindings: Vec<Binding>,
+    /// Bytes of push constants that the kernel takes; 0 for none.
+    pub push_constant_size: u32,
+    /// CPU time of the thread that built it; wall time would include waiting for the driver's locks.
     time: Duration,
 }
 
@@ -78,8 +80,9 @@ impl Pipelines {
         let build = |(name, kernel): &(&'static str, Specialized)| {
             let start = ThreadTime::now();
             let pipeline = pipelines.build(name, &kernel.words, specialization);
-            let bindings = kernel.bindings.clone();
-            pipeline.map(|pipeline| (*name, Built { pipeline, bindings, time: start.elapsed() }))
+            let Specialized { bindings, push_constant_size, .. } = kernel;
+            let (bindings, push_constant_size) = (bindings.clone(), *push_constant_size);
+            pipeline.map(|pipeline| (*name, Built { pipeline, bindings, push_constant_size, time: start.elapsed() }))
         };
         let built: Vec<_> = kernels.par_iter().map(build).collect();
         // What was built is dropped with the others where one is not.
@@ -93,10 +96,12 @@ impl Pipelines {
         failed.map_or(Ok(pipelines), Err)
     }
 
-    /// The pipeline of a kernel and what it binds.
-    pub fn get(&self, name: &str) -> (vk::Pipeline, &[Binding]) {
-        let built = self.kernels.get(name).expect("a recording names only kernels that its executor was made with");
-        (built.pipeline, &built.bindings)
+    /// The kernel of that name, built.
+    ///
+    /// # Panics
+    /// When the executor was made without it.
+    pub fn get(&self, name: &str) -> &Built {
+        self.kernels.get(name).unwrap_or_else(|| panic!("{name} is no kernel of this executor"))
     }
 
     /// The kernels.

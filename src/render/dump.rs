@@ -2,15 +2,17 @@
 
 use rayon::prelude::*;
 
-use super::batch;
+use super::error::RenderError;
 use super::plan::{SampleRange, Taken};
 use super::prepare::PreparedScene;
-use super::session::{RenderError, Session};
+use super::schedule::Work;
+use super::session::Session;
 use crate::constants::NO_TRIANGLE;
 use crate::gpu::GpuError;
 use crate::rays::{RayClass, RayOrder, RayRecord};
 use crate::recording::Recording;
-use crate::settings::{PathState, Scheduler, ShadowRays};
+use crate::settings::PathState;
+use crate::shaders::buffers;
 
 /// Rays of one queue of one batch.
 #[derive(Debug, Clone)]
@@ -21,6 +23,14 @@ pub struct QueuedRays {
     pub left_out: u64,
     /// Pixels and samples that they belong to.
     pub batch: SampleRange,
+}
+
+/// The buffers that hold the two halves of queued rays.
+pub(super) fn ray_buffers(class: RayClass) -> [&'static str; 2] {
+    match class {
+        RayClass::Camera | RayClass::Bounce => [buffers::RAY_ORIGINS, buffers::RAY_DIRECTIONS],
+        RayClass::Shadow => [buffers::SHADOW_ORIGINS, buffers::SHADOW_DIRECTIONS],
+    }
 }
 
 /// The unit vector in 48 bits, as `decode_direction` of `halves.glsl` has it but for rounding.
@@ -37,7 +47,7 @@ fn decode_direction([low, high]: [u32; 2]) -> [f32; 3] {
 
 impl Session {
     /// Renders the first batch up to a bounce and reads the rays that wait there: those that would be traced after
-    /// so many scattering events, or, of class shadow, those from the surfaces they found.
+    /// that many scattering events or, of class shadow, from the surfaces that those rays hit.
     /// `scene` is the session's own.
     ///
     /// # Errors
@@ -50,33 +60,29 @@ impl Session {
         order: RayOrder,
     ) -> Result<QueuedRays, RenderError> {
         let shadow = class == RayClass::Shadow;
-        if self.scheduler == Scheduler::Megakernel {
+        if !self.schedule.has_queues() {
             return Err(RenderError::NoQueues);
         }
-        if shadow && self.scheduler == Scheduler::Bounce && self.settings.shadow_rays == ShadowRays::AtOnce {
+        if shadow && !self.schedule.queues_shadow_rays() {
             return Err(RenderError::NoShadowQueue);
         }
         self.clear()?;
         let tile = self.plan.tiles(0).next().expect("an image has a row");
-        let range = self.plan.next_batch(tile, Taken::default(), self.settings.samples, u32::MAX, u32::MAX);
-        let range = range.expect("a render has a sample");
-        let mut recording = Recording::default();
-        batch::begin(&mut recording, &self.plan, range);
+        let batch = self.plan.next_batch(tile, Taken::default(), self.settings.samples, u32::MAX, u32::MAX);
+        let batch = batch.expect("a render has a sample");
         let (mut count, mut last) = (0, None);
-        for at in 0..=bounce {
+        let schedule = self.schedule;
+        let work = Work { batch, first_slot: 0, resolves: false };
+        schedule.record(&mut Recording::default(), work, |frame, recorded| {
             // Shadow rays of a bounce are queued while it is shaded, the others by the bounce before.
-            let shaded = if shadow { at..at + 1 } else { at.saturating_sub(1)..at };
-            self.advance(&mut recording, range, shaded);
-            self.executor.submit(&std::mem::take(&mut recording))?;
-            let control = self.control()?;
+            let Some(at) = recorded.checked_sub(shadow.into()) else { return Ok(true) };
+            let (control, _) = self.run_part(frame)?;
             count = if shadow { control.current_shadow_rays } else { control.current_rays };
             if count > 0 {
                 last = Some(at);
             }
-            if control.current_rays == 0 {
-                break;
-            }
-        }
+            Ok::<_, GpuError>(control.current_rays > 0 && at < bounce)
+        })?;
         if last != Some(bounce) {
             return Err(RenderError::NoRays { rays: if shadow { "shadow" } else { "path" }, bounce, last });
         }
@@ -85,8 +91,9 @@ impl Session {
         if order == RayOrder::Slot {
             places = self.in_slot_order(&places);
         }
-        let names = if shadow { ["shadow_origins", "shadow_directions"] } else { ["ray_origins", "ray_directions"] };
-        let [origins, directions] = [self.texels(names[0])?, self.texels(names[1])?];
+        let [origins, directions] = ray_buffers(class);
+        let origins: Vec<[u32; 4]> = self.read(origins, self.plan.path_capacity)?;
+        let directions: Vec<[u32; 4]> = self.read(directions, self.plan.path_capacity)?;
         let halves = !shadow && self.settings.path_state == PathState::F16;
         let original = |place: u32| match place {
             NO_TRIANGLE => NO_TRIANGLE,
@@ -107,32 +114,24 @@ impl Session {
             rays.retain(RayRecord::is_sound);
         }
         let left_out = u64::from(count) - rays.len() as u64;
-        Ok(QueuedRays { rays, left_out, batch: range })
+        Ok(QueuedRays { rays, left_out, batch })
     }
 
     /// Path slot and place in the buffers of each ray, in the order of the queue.
     fn places(&mut self, shadow: bool, bounce: u32, count: u32) -> Result<Vec<(u32, u32)>, GpuError> {
         if shadow {
-            let radiances = self.texels("shadow_radiances")?;
+            let radiances: Vec<[u32; 4]> = self.read(buffers::SHADOW_RADIANCES, count)?;
             return Ok(radiances.iter().zip(0..count).map(|([.., slot], place)| (*slot, place)).collect());
         }
-        let queue: Vec<u32> = bytemuck::pod_collect_to_vec(&self.executor.read("ray_queue")?);
-        let half = ((bounce & 1) * self.plan.path_capacity) as usize;
-        Ok(queue[half..half + count as usize].iter().map(|slot| (*slot, *slot)).collect())
+        let half = (bounce & 1) * self.plan.path_capacity;
+        let queue: Vec<u32> = self.read(buffers::RAY_QUEUE, half + count)?;
+        Ok(queue[half as usize..].iter().map(|slot| (*slot, *slot)).collect())
     }
 
-    /// The rays by their path slots, of which each has one alone.
+    /// The rays in the order of their path slots; each slot has one ray.
     fn in_slot_order(&self, places: &[(u32, u32)]) -> Vec<(u32, u32)> {
         let mut by_slot = vec![None; self.plan.path_capacity as usize];
         places.iter().for_each(|&(slot, place)| by_slot[slot as usize] = Some((slot, place)));
         by_slot.into_iter().flatten().collect()
-    }
-
-    /// The words of a buffer of path state.
-    fn texels(&mut self, name: &str) -> Result<Vec<[u32; 4]>, GpuError> {
-        let bytes = u64::from(self.plan.path_capacity) * size_of::<[u32; 4]>() as u64;
-        let mut words = Vec::with_capacity(self.plan.path_capacity as usize);
-        self.executor.visit(name, bytes, |_, part| words.extend_from_slice(bytemuck::cast_slice(part)))?;
-        Ok(words)
     }
 }

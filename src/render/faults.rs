@@ -1,15 +1,18 @@
-//! Faults: samples that came out NaN or infinite, followed again to the bounce that made them so.
+//! Non-finite samples: those that came out NaN or infinite, traced again to the bounce that made them so.
 
-use super::batch;
+use super::error::RenderError;
 use super::plan::SampleRange;
 use super::prepare::PreparedScene;
-use super::session::{RenderError, Session, SessionOptions, Statistics};
+use super::schedule::Work;
+use super::session::{Session, SessionOptions};
+use super::statistics::Statistics;
 use crate::gpu::Device;
 use crate::layout::FilmPixel;
 use crate::recording::Recording;
 use crate::settings::{Scheduler, Settings, ShadowRays, Sort};
+use crate::shaders::buffers;
 
-/// A sample that was not finite.
+/// A non-finite sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fault {
     /// Column of the pixel, from the left.
@@ -18,14 +21,14 @@ pub struct Fault {
     pub y: u32,
     /// Number of the sample.
     pub sample: u32,
-    /// Scattering events before the vertex that made it so; `None` if it was finite this time, which a sound device
-    /// does not do.
+    /// Scattering events before the vertex that made it so; `None` if it is finite this time, which only a faulty device
+    /// does.
     pub bounce: Option<u32>,
 }
 
-/// Follows again the samples that a render left out of the film, as many as it noted (up to 16), and finds the bounce
-/// that spoilt each. The wavefront does it whatever scheduler rendered: the paths are the same to the last bit, and its
-/// radiance can be looked at after every bounce. So a render without faults pays nothing for it.
+/// Traces again the samples that a render left out of the film, as many as it noted (up to 16), and finds the bounce at
+/// which each became non-finite. The wavefront does it whatever scheduler rendered: the paths are the same to the last
+/// bit, and their radiance can be read after every bounce. So a render without such samples pays nothing for it.
 ///
 /// # Errors
 /// When the device fails.
@@ -57,24 +60,21 @@ pub fn find_faults(
 }
 
 impl Session {
-    /// Scattering events before the vertex after which the radiance of that sample is no longer finite.
+    /// Scattering events before the vertex after which the radiance of that sample is not finite.
     fn spoiling_bounce(&mut self, first_pixel: u32, first_sample: u32) -> Result<Option<u32>, RenderError> {
         self.clear()?;
-        let range = SampleRange { first_pixel, pixel_count: 1, first_sample, sample_count: 1, film_pixel: 0 };
-        let mut recording = Recording::default();
-        batch::begin(&mut recording, &self.plan, range);
-        let last = self.settings.max_bounces.unwrap_or(u32::MAX - 1);
-        for bounce in 0..=last {
-            self.advance(&mut recording, range, bounce..bounce + 1);
-            self.executor.submit(&std::mem::take(&mut recording))?;
-            let radiances: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.executor.read("radiances")?);
-            if radiances[0][..3].iter().any(|channel| !channel.is_finite()) {
-                return Ok(Some(bounce));
-            }
-            if self.control()?.current_rays == 0 {
-                break;
-            }
-        }
-        Ok(None)
+        let batch = SampleRange { first_pixel, pixel_count: 1, first_sample, sample_count: 1, film_pixel: 0 };
+        let schedule = self.schedule;
+        let mut spoiling = None;
+        let work = Work { batch, first_slot: 0, resolves: false };
+        schedule.record(&mut Recording::default(), work, |frame, recorded| {
+            let Some(bounce) = recorded.checked_sub(1) else { return Ok(true) };
+            let (control, found) = self.run_part(frame.download(buffers::RADIANCES))?;
+            let [r, g, b, _]: [f32; 4] = bytemuck::pod_read_unaligned(&found[0][..16]);
+            let is_finite = [r, g, b].iter().all(|channel| channel.is_finite());
+            spoiling = (!is_finite).then_some(bounce);
+            Ok::<_, RenderError>(is_finite && control.current_rays > 0)
+        })?;
+        Ok(spoiling)
     }
 }

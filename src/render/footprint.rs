@@ -1,16 +1,17 @@
-//! What a render's kernels and buffers amount to, and what each feature adds to them: read from the
-//! kernels themselves, without a device.
+//! The size of a render's kernels and buffers, and what each feature adds to them: read from the kernels themselves,
+//! without a device.
 
 use std::collections::HashSet;
 
+use super::buffers::path_records;
 use super::defaults::Defaults;
 use super::plan::Plan;
 use super::prepare::{Needs, PreparedScene};
-use super::session::{kernels, path_records};
+use super::schedule::Schedule;
 use crate::constants::*;
 use crate::scene::{Integrator, Sampler};
 use crate::settings::{RouletteMode, Scheduler, Settings};
-use crate::shaders::{self, Access, Arithmetic, Build, Edition, Promises};
+use crate::shaders::{Access, Arithmetic, Build, Edition, Promises};
 
 /// Kernels and buffers of a render.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -63,10 +64,10 @@ impl Footprint {
         let mut bound = HashSet::new();
         let mut instructions = Vec::new();
         let scheduler = defaults.scheduler(settings, scene.levels());
-        for name in kernels(scheduler, settings, needs) {
-            let kernel = shaders::kernel(name).variant(Edition::Plain, access).specialize(&build);
-            bound.extend(kernel.bindings.iter().map(|binding| binding.name));
-            instructions.push((name, kernel.instructions));
+        for kernel in Schedule::new(scheduler, settings, needs, &plan).kernels() {
+            let specialized = kernel.variant(Edition::Plain, access).specialize(&build);
+            bound.extend(specialized.bindings.iter().map(|binding| binding.name));
+            instructions.push((kernel.name, specialized.instructions));
         }
         // What a scene has no data for is as long as if every triangle had some.
         let scene_bytes = scene.buffers(false).into_iter().map(|buffer| (buffer.name, buffer.size));
@@ -96,7 +97,7 @@ macro_rules! flag {
     };
 }
 
-/// Gives a kind of environment beside what there is, or takes it.
+/// Adds a kind of environment to what there is, or removes it.
 fn set_environment(subject: &mut Subject, kind: u32, on: bool) {
     let there = &mut subject.needs.features.environment;
     *there = match (on, *there) {

@@ -1,39 +1,47 @@
 //! Rendering: from a scene and settings to a film.
 //!
-//! [`PreparedScene`] is the scene as the kernels read it; [`Plan`] computes sizes and batches, `pace` how many paths a batch may have;
-//! `wavefront`, `bounce` and `megakernel` make recordings, between what `batch` begins and ends; [`Session`] uploads,
-//! runs and reads back, and can freeze a queue of rays, which a [`Replay`] runs through one kernel; [`Footprint`] tells
-//! what kernels and buffers amount to; [`Defaults`] are what a device takes where the user does not say; [`WarmUp`]
-//! works until a device is steady. Only session and replay run anything on a device.
+//! `schedule` has the frame function: the passes of a batch under each scheduler. [`Session`] uploads the scene, runs
+//! frame after frame and reads the film; it can also freeze a queue of rays, which [`Replay`] traces with one kernel.
+//!
+//! Around these: [`PreparedScene`] is the scene as the kernels read it; [`Plan`] computes sizes and batches, `buffers`
+//! the sizes of buffers, and `pace` how many paths a batch may have; [`Footprint`] reports what kernels and buffers
+//! amount to; [`Defaults`] are a device's choices where the user makes none; [`WarmUp`] runs a device until its clock is
+//! steady. Only `session` and `replay` run anything on a device.
 
-mod batch;
-mod bounce;
+mod buffers;
 mod defaults;
 mod dump;
+mod error;
 mod faults;
 mod footprint;
-mod megakernel;
+mod kept;
 mod pace;
-mod packets;
 mod plan;
 mod prepare;
+mod renderer;
 mod replay;
+mod schedule;
 mod session;
+mod statistics;
 mod traced;
 mod warm_up;
-mod wavefront;
 
 pub use crate::settings::{
     Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Numerics, Offsets, Packets, PathState, RouletteMode, Scheduler,
     Settings, SettingsError, ShadowRays, Sort,
 };
+pub use buffers::scene_buffers;
 pub use defaults::{Defaults, Traversal};
 pub use dump::QueuedRays;
+pub use error::RenderError;
 pub use faults::{Fault, find_faults};
 pub use footprint::{FeatureCost, Footprint, feature_costs};
+pub use kept::Kept;
 pub use plan::{Band, Plan, SampleRange, SceneLevels, Tile};
 pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
+pub use renderer::Renderer;
 pub use replay::{FrozenRays, Replay, ReplayOutcome, distances};
-pub use session::{Ending, Kept, Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
+pub use session::{Ending, Progress, Session, SessionOptions};
+pub use statistics::{Outcome, Statistics};
 pub use traced::{DeviceTrace, Purpose, QueueLengths, TracedBatch};
 pub use warm_up::{WarmUp, Warmth};

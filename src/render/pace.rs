@@ -54,7 +54,7 @@ impl Pace {
     /// of many.
     const GROWTH: u32 = 8;
 
-    /// Of an image of so many pixels, of which nothing is known yet.
+    /// The pace of an image of that many pixels, of which nothing is known yet.
     pub fn new(pixels: u64) -> Self {
         let regions = Self::REGIONS.min(pixels as usize);
         Self {
@@ -66,7 +66,7 @@ impl Pace {
         }
     }
 
-    /// Learns what a batch took.
+    /// Notes how long a batch took.
     pub fn note(&mut self, batch: SampleRange, seconds: f64) {
         let cost = self.cost(batch, seconds, false);
         let first = u64::from(batch.first_pixel);
@@ -91,7 +91,7 @@ impl Pace {
         }
     }
 
-    /// Learns what a small batch took that stands for the pixels of `place`.
+    /// Notes how long a sampling took, a small batch that stands for the pixels of `place`.
     pub fn note_sampling(&mut self, batch: SampleRange, place: Range<u64>, seconds: f64) {
         let cost = self.cost(batch, seconds, true);
         let regions = self.regions(place);
@@ -132,8 +132,8 @@ impl Pace {
         self.costs.iter().flatten().map(|cost| self.a_path(cost))
     }
 
-    /// Seconds a path in the dearest region that is known; 0 where none is.
-    pub fn dearest(&self) -> f64 {
+    /// Seconds a path in the most expensive region that is known; 0 where none is.
+    pub fn most_expensive(&self) -> f64 {
         self.expected().fold(0.0, f64::max)
     }
 
@@ -150,13 +150,13 @@ impl Pace {
         within(Self::BATCH_SECONDS).max(within(Self::LONG_BATCH_SECONDS).min(Self::LEAST_PATHS)) as u32
     }
 
-    /// As [`Self::paths`], in so many seconds.
+    /// As [`Self::paths`], for a batch of up to `most_seconds`.
     pub fn paths_within(&self, tile: Tile, width: u32, film_pixel: u32, samples: u32, most_seconds: f64) -> f64 {
         let most = match self.most_paths {
             0 => return Self::FIRST_PATHS,
             paths => f64::from(paths) * f64::from(Self::GROWTH),
         };
-        let unknown = self.dearest();
+        let unknown = self.most_expensive();
         let tile_start = f64::from(tile.first_row) * f64::from(width);
         let tile_end = tile_start + f64::from(tile.rows) * f64::from(width);
         let (mut paths, mut seconds) = (0.0, 0.0);
@@ -176,7 +176,7 @@ impl Pace {
         paths.min(most)
     }
 
-    /// Whether a batch of so many paths is small for want of a measurement.
+    /// Whether a batch of that many paths is small only because no larger one has been measured.
     pub fn is_growing(&self, paths: u32) -> bool {
         paths >= self.most_paths.saturating_mul(Self::GROWTH)
     }
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn dear_regions_have_smaller_batches_than_cheap_ones() {
+    fn expensive_regions_have_smaller_batches_than_cheap_ones() {
         let mut pace = Pace::new(1_000_000);
         pace.note(batch(0, 1, 1), 1e-9);
         pace.note(batch(0, 500_000, 1), 0.05);
@@ -236,27 +236,27 @@ mod tests {
         // After the last pixel of a tile come those of its first samples.
         let upper = Tile { first_row: 0, rows: 100 };
         assert!(pace.paths(upper, WIDTH, 0, 4) > 1_990_000);
-        // The rest of a pass, short as it is, does not make a region dear.
+        // The rest of a pass, short as it is, does not make a region expensive.
         pace.note(batch(0, 100, 1), 1e-2);
         assert!((1_990_000..=2_020_000).contains(&paths(&pace, 0)), "{}", paths(&pace, 0));
-        // What is measured anew counts, what lies beside it stays.
+        // A new measurement replaces the old one of its regions only.
         pace.note(batch(500_000, 100_000, 1), 0.01);
         assert!(paths(&pace, 500) > 400_000 && paths(&pace, 650) < 20_001);
     }
 
     #[test]
-    fn what_is_not_known_costs_as_much_as_the_dearest() {
+    fn what_is_not_known_costs_as_much_as_the_most_expensive() {
         let mut pace = Pace::new(1_000_000);
         pace.note(batch(0, 1, 1), 1e-9);
         pace.note_sampling(batch(0, 1000, 1), 0..250_000, 1e-3);
         pace.note_sampling(batch(250_000, 100_000, 1), 250_000..500_000, 1.0);
-        assert!((pace.dearest() - 1e-5).abs() < 1e-8 && (pace.mean() - 5.5e-6).abs() < 1e-7);
+        assert!((pace.most_expensive() - 1e-5).abs() < 1e-8 && (pace.mean() - 5.5e-6).abs() < 1e-7);
         assert_eq!(pace.paths(TILE, WIDTH, 600_000, 1), 20_000);
         assert!(pace.paths(TILE, WIDTH, 0, 1) > 190_000);
     }
 
     #[test]
-    fn batches_correct_what_small_ones_told() {
+    fn batches_correct_the_estimates_of_small_ones() {
         let mut pace = Pace::new(1_000_000);
         // A launch takes ten milliseconds, a path one microsecond or ten.
         let path = |pixel: u32| if pixel < 500_000 { 1e-6 } else { 1e-5 };

@@ -1,7 +1,7 @@
-//! The replay of frozen rays: one traversal kernel alone, over and over, checked against the CPU and timed.
+//! The replay of frozen rays: one traversal kernel by itself, launched repeatedly, checked against the CPU and timed.
 //!
 //! An invocation traces one ray, so the rounds after which a driver may leave an invocation's loops (see
-//! [`RenderError::CutLoops`]) are spent on that ray alone and never add up over a launch, whatever its size. A ray that
+//! [`RenderError::CutLoops`]) are spent on one ray and never add up over a launch, whatever its size. A ray that
 //! needs more of them gets a wrong answer, as it would in a render, and the check against the CPU is there to find it.
 
 use std::ops::Range;
@@ -10,9 +10,12 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::dump::ray_buffers;
+use super::error::RenderError;
 use super::plan::{Plan, SampleRange};
 use super::prepare::PreparedScene;
-use super::session::{RenderError, SessionOptions, limits, open_executor};
+use super::schedule::{connect_kernel, extend_kernel};
+use super::session::{SessionOptions, limits, open_executor};
 use super::warm_up::{WarmUp, Warmth};
 use crate::bvh::{Hit, Ray, trace_any, trace_closest};
 use crate::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND};
@@ -21,6 +24,7 @@ use crate::layout::{Control, WorkCount};
 use crate::rays::{RayClass, RayRecord};
 use crate::recording::Recording;
 use crate::settings::{Offsets, PathState, Settings};
+use crate::shaders::{Kernel, buffers};
 
 /// Bytes of half a ray, and of an answer.
 const RECORD_BYTES: usize = 16;
@@ -69,7 +73,7 @@ pub struct Replay<'a> {
     executor: Executor,
     plan: Plan,
     frozen: Arc<FrozenRays<'a>>,
-    kernel: &'static str,
+    kernel: &'static Kernel,
     repeat: u32,
     /// The part of a round that lies in the slots.
     loaded: Option<Range<u64>>,
@@ -93,7 +97,7 @@ pub struct ReplayOutcome {
     pub checked: u64,
     /// Seconds of each round.
     pub seconds: Vec<f64>,
-    /// Whether the device's clock told them; else the host's did, around each launch.
+    /// Whether they are by the device's clock; else by the host's, around each launch.
     pub device_clock: bool,
     /// How the device was warmed up before.
     pub warmth: Warmth,
@@ -111,7 +115,7 @@ pub struct ReplayOutcome {
 struct Launches {
     /// Of each.
     seconds: Vec<f64>,
-    /// Whether the device's clock told them.
+    /// Whether they are by the device's clock.
     device_clock: bool,
     /// Between them, in all.
     idle_seconds: Option<f64>,
@@ -171,7 +175,8 @@ impl<'a> Replay<'a> {
             replay.load(&part)?;
             replay.launch(rays_of(&part), 1)?;
         }
-        let counts: Vec<WorkCount> = bytemuck::pod_collect_to_vec(&replay.executor.read("work_counts")?);
+        let found = replay.executor.run(Recording::default().download(buffers::WORK_COUNTS))?;
+        let counts: Vec<WorkCount> = bytemuck::pod_collect_to_vec(&found[0]);
         Ok(counts[if class == RayClass::Shadow { STAGE_CONNECT } else { STAGE_EXTEND } as usize])
     }
 
@@ -193,9 +198,10 @@ impl<'a> Replay<'a> {
         if class == RayClass::Shadow {
             let one = 1.0_f32.to_bits();
             let radiances: Vec<_> = slots.map(|slot| [one, one, one, slot]).collect();
-            executor.write("shadow_radiances", bytemuck::cast_slice(&radiances))?;
+            executor.run(Recording::default().upload(buffers::SHADOW_RADIANCES, bytemuck::cast_slice(&radiances)))?;
         } else {
-            executor.write("ray_queue", bytemuck::cast_slice(&slots.collect::<Vec<_>>()))?;
+            let slots: Vec<_> = slots.collect();
+            executor.run(Recording::default().upload(buffers::RAY_QUEUE, bytemuck::cast_slice(&slots)))?;
         }
         Ok(Self {
             executor,
@@ -231,7 +237,7 @@ impl<'a> Replay<'a> {
         let expected = frozen.expected();
         let rays = frozen.rays.len() as u64;
         let mut outcome = ReplayOutcome {
-            kernel: self.kernel,
+            kernel: self.kernel.name,
             rays: rays * u64::from(self.repeat),
             hits: 0,
             checked: expected.len() as u64,
@@ -246,11 +252,11 @@ impl<'a> Replay<'a> {
         let mut found = Vec::new();
         for part in self.parts() {
             self.load(&part)?;
-            self.executor.clear(self.answer_buffer())?;
+            self.executor.run(Recording::default().clear(self.answer_buffer()))?;
             // The first launch may compile, so it is not timed.
             self.launch(rays_of(&part), 1)?;
             self.read_answers(rays_of(&part), &mut found)?;
-            let (class, kernel) = (self.frozen.class, self.kernel);
+            let (class, kernel) = (self.frozen.class, self.kernel.name);
             let answer = |at: usize| Answer::of(class, &found[at]);
             let judged = judge(found.len(), answer, expected, part.start, rays);
             judged.map_err(|(ray, found, expected)| RenderError::WrongAnswer {
@@ -264,7 +270,7 @@ impl<'a> Replay<'a> {
             if rounds == 0 {
                 continue;
             }
-            self.executor.clear(self.answer_buffer())?;
+            self.executor.run(Recording::default().clear(self.answer_buffer()))?;
             outcome.warmth.add(&self.warm_up(rays_of(&part))?);
             watch();
             let Launches { seconds, device_clock, idle_seconds } = self.timed(rays_of(&part), rounds)?;
@@ -284,7 +290,7 @@ impl<'a> Replay<'a> {
         Ok(outcome)
     }
 
-    /// Traces all rays and tells how many seconds that takes: of as many times as fill some milliseconds, the mean. The
+    /// Traces all rays and returns the seconds that it took: the mean over as many times as fill some milliseconds. The
     /// answers are not looked at: [`Replay::run`] checks them.
     ///
     /// # Errors
@@ -328,12 +334,9 @@ impl<'a> Replay<'a> {
     fn load(&mut self, part: &Range<u64>) -> Result<(), GpuError> {
         if self.loaded.as_ref() != Some(part) {
             self.loaded = None;
-            let shadow = self.frozen.class == RayClass::Shadow;
-            let names =
-                if shadow { ["shadow_origins", "shadow_directions"] } else { ["ray_origins", "ray_directions"] };
-            let FrozenRays { rays, places, .. } = &*self.frozen;
-            for (half, name) in names.into_iter().enumerate() {
-                self.executor.fill(name, u64::from(rays_of(part)) * RECORD_BYTES as u64, |offset, bytes| {
+            let FrozenRays { class, rays, places, .. } = &*self.frozen;
+            for (half, buffer) in ray_buffers(*class).into_iter().enumerate() {
+                self.executor.fill(buffer, u64::from(rays_of(part)) * RECORD_BYTES as u64, |offset, bytes| {
                     let first = (part.start + offset / RECORD_BYTES as u64) as usize;
                     let slots: &mut [[u32; 4]] = bytemuck::cast_slice_mut(bytes);
                     slots.par_chunks_mut(PACKED).enumerate().for_each(|(i, slots)| {
@@ -349,7 +352,7 @@ impl<'a> Replay<'a> {
             let count = rays_of(part);
             let none: Control = bytemuck::Zeroable::zeroed();
             let control = Control { current_rays: count, current_shadow_rays: count, ..none };
-            self.executor.write("control", bytemuck::bytes_of(&control))?;
+            self.executor.run(Recording::default().upload(buffers::CONTROL, bytemuck::bytes_of(&control)))?;
             self.loaded = Some(part.clone());
         }
         Ok(())
@@ -378,7 +381,7 @@ impl<'a> Replay<'a> {
         Ok(launches)
     }
 
-    /// Traces the rays in the slots so many times.
+    /// Traces the rays in the slots `times` times.
     fn launch(&mut self, count: u32, times: usize) -> Result<Launches, GpuError> {
         // The kernels read the half of the queue that bounce 0 reads.
         let batch = SampleRange { first_pixel: 0, pixel_count: count, first_sample: 0, sample_count: 1, film_pixel: 0 };
@@ -389,20 +392,20 @@ impl<'a> Replay<'a> {
         for first in (0..times).step_by(at_once) {
             let mut recording = Recording::default();
             for _ in first..times.min(first + at_once) {
-                recording.dispatch(self.kernel, self.plan.groups(count), batch.at_bounce(0));
+                recording.dispatch(self.kernel, self.plan.groups(count), &batch.at_bounce(0));
             }
             let start = Instant::now();
             self.executor.submit(&recording)?;
             if !self.executor.has_clock() {
                 self.executor.wait()?;
-                let launches = recording.passes.len();
+                let launches = recording.commands.len();
                 host_seconds.extend(vec![start.elapsed().as_secs_f64() / launches as f64; launches]);
             }
         }
         self.executor.wait()?;
         let device_clock = self.executor.has_clock();
-        let told = self.executor.take_launches();
-        let seconds = if device_clock { told } else { host_seconds };
+        let device_seconds = self.executor.take_launches();
+        let seconds = if device_clock { device_seconds } else { host_seconds };
         // Without a device's clock, launches are waited for one by one, so that each has a time of its own.
         let shortest = seconds.iter().copied().fold(f64::INFINITY, f64::min);
         self.launch_seconds = if device_clock && shortest > 0.0 { shortest } else { f64::INFINITY };
@@ -411,21 +414,25 @@ impl<'a> Replay<'a> {
 
     /// The buffer that the kernel writes.
     fn answer_buffer(&self) -> &'static str {
-        if self.frozen.class == RayClass::Shadow { "radiances" } else { "hits" }
+        if self.frozen.class == RayClass::Shadow { buffers::RADIANCES } else { buffers::HITS }
     }
 
     /// Reads what the kernel wrote of the rays in the slots since the buffer was cleared.
     fn read_answers(&mut self, count: u32, words: &mut Vec<[u32; 4]>) -> Result<(), GpuError> {
         words.clear();
         let bytes = u64::from(count) * RECORD_BYTES as u64;
-        self.executor.visit(self.answer_buffer(), bytes, |_, part| words.extend_from_slice(bytemuck::cast_slice(part)))
+        let mut recording = Recording::default();
+        recording.download_first(self.answer_buffer(), bytes);
+        self.executor.run_seen(&recording, |_, _, part| words.extend_from_slice(bytemuck::cast_slice(part)))
     }
 
     /// The first of the answers in the slots that is another than it was, and what it is now.
     fn first_change(&mut self, before: &[[u32; 4]]) -> Result<Option<(usize, Answer)>, GpuError> {
         let (class, bytes) = (self.frozen.class, size_of_val(before) as u64);
         let mut change = None;
-        self.executor.visit(self.answer_buffer(), bytes, |offset, part| {
+        let mut recording = Recording::default();
+        recording.download_first(self.answer_buffer(), bytes);
+        self.executor.run_seen(&recording, |_, offset, part| {
             let now: &[[u32; 4]] = bytemuck::cast_slice(part);
             let first = offset as usize / RECORD_BYTES;
             let before = &before[first..][..now.len()];
@@ -504,12 +511,11 @@ fn on_cpu(scene: &PreparedScene, class: RayClass, record: &RayRecord) -> Answer 
 }
 
 /// The kernel that traces rays of a class.
-fn kernel_of(settings: &Settings, class: RayClass) -> &'static str {
+fn kernel_of(settings: &Settings, class: RayClass) -> &'static Kernel {
     let packets = settings.packets.unwrap_or_default();
     match class {
-        RayClass::Camera => packets.kernel_at(0, "extend", "extend_packets"),
-        RayClass::Bounce => packets.kernel_at(1, "extend", "extend_packets"),
-        RayClass::Shadow => packets.connect(),
+        RayClass::Camera | RayClass::Bounce => extend_kernel(packets, class),
+        RayClass::Shadow => connect_kernel(packets),
     }
 }
 

@@ -27,10 +27,10 @@ pub struct TracedBatch {
     pub queues: Vec<QueueLengths>,
 }
 
-/// What batches are for.
+/// What a batch is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
-    /// To tell how long batches take; their samples are thrown away.
+    /// To measure how long paths take; its samples are thrown away.
     Sampling,
     /// For the film.
     Render,

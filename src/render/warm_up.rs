@@ -24,9 +24,9 @@ const REST: Duration = Duration::from_millis(20);
 pub struct Warmth {
     /// Seconds of work.
     pub seconds: f64,
-    /// Whether two windows in succession agreed before the time was up; `None` where there was time for one alone.
+    /// Whether two windows in succession agreed before the time was up; `None` where there was time for only one.
     pub steady: Option<bool>,
-    /// How far apart the speeds of the last two windows were, as a share; `None` where there was one alone.
+    /// How far apart the speeds of the last two windows were, as a share; `None` where there was only one.
     pub last_apart: Option<f64>,
 }
 
@@ -57,8 +57,8 @@ impl WarmUp {
         rest.is_none_or(|rest| !software && rest > REST)
     }
 
-    /// Works until the device is steady. `work` is told for how many seconds it should go on, about; it says for how
-    /// many it did, and how many units of work it got done.
+    /// Works until the device is steady. `work` gets the seconds that it should take, about, and returns those that it
+    /// took and how many units of work it did.
     ///
     /// # Errors
     /// Those of `work`.
@@ -98,7 +98,7 @@ mod tests {
 
     const WARM_UP: WarmUp = WarmUp { agreement: 0.01, window_seconds: 0.1, most_seconds: 3.0 };
 
-    /// Warms a device up that does so many units in a turn of 10 ms, by the time that it has worked.
+    /// Warms up a device that does `units` of work in 10 ms, a function of the time that it has worked.
     fn warm_up(units: impl Fn(f64) -> f64) -> (Warmth, f64) {
         let mut clock = 0.0;
         let warmth = WARM_UP.run(|_| {
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_never_settles_is_told() {
+    fn one_that_never_settles_is_reported() {
         // A tenth faster in each window than in the one before.
         let (warmth, clock) = warm_up(f64::exp);
         assert!(warmth.steady == Some(false) && warmth.last_apart.is_some_and(|apart| apart > 0.01), "{warmth:?}");

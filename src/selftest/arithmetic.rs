@@ -1,6 +1,6 @@
 //! Sums, products and their rounding, and the arithmetic of integers.
 
-use super::bench::Bench;
+use super::bench::{Bench, kernels};
 use super::cases::{operands, pairs, same};
 use super::{Check, Faults, Finding, Verdict};
 use crate::render::RenderError;
@@ -64,7 +64,7 @@ pub const CHECKS: &[Check] = &[
         spoils: "random numbers and traversal",
         run: |bench| {
             let cases = pairs();
-            Ok(judge_integers(&cases, &bench.ask("integers", 0, &cases)?).finding("all are right", Verdict::Off))
+            Ok(judge_integers(&cases, &bench.ask(kernels::INTEGERS, 0, &cases)?).finding("all are right", Verdict::Off))
         },
     },
 ];
@@ -87,7 +87,7 @@ const FMA: usize = 7;
 pub fn calculate(bench: &Bench<'_>) -> Result<(Vec<[f32; 3]>, Vec<Results>), RenderError> {
     let cases = operands();
     let bits: Vec<[u32; 4]> = cases.iter().map(|[a, b, c]| [a.to_bits(), b.to_bits(), c.to_bits(), 0]).collect();
-    let answers = bench.ask("arithmetic", 0, &bits)?;
+    let answers = bench.ask(kernels::ARITHMETIC, 0, &bits)?;
     Ok((cases, answers))
 }
 

@@ -11,7 +11,7 @@ use crate::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Kernel, 
 include!(concat!(env!("OUT_DIR"), "/selftest.rs"));
 
 /// Kernels of functions that renders call, in the arithmetic of renders.
-const OWN_FUNCTIONS: [&str; 3] = ["conversions", "edges", "elementary"];
+const OWN_FUNCTIONS: [&Kernel; 3] = [kernels::CONVERSIONS, kernels::EDGES, kernels::ELEMENTARY];
 
 /// A device, ready to be asked.
 pub struct Bench<'a> {
@@ -21,11 +21,6 @@ pub struct Bench<'a> {
     thinned: u32,
     /// What becomes of a kernel's answers.
     fault: fn(&str, &mut [u8]),
-}
-
-/// The kernel of that name.
-pub fn kernel(name: &str) -> &'static Kernel {
-    SELFTEST.iter().find(|kernel| kernel.name == name).expect("checks name kernels that exist")
 }
 
 /// A launch over `count` invocations: what [`Batch`] tells the kernels of `shaders/selftest`.
@@ -73,23 +68,22 @@ impl<'a> Bench<'a> {
     }
 
     /// Kernels and their buffers.
-    pub fn open(&self, names: &[&str], buffers: Vec<BufferRole<'_>>) -> Result<Executor, GpuError> {
-        self.open_specialized(names, buffers, &[self.workgroup_size()])
+    pub fn open(&self, kernels: &[&'static Kernel], buffers: Vec<BufferRole<'_>>) -> Result<Executor, GpuError> {
+        self.open_specialized(kernels, buffers, &[self.workgroup_size()])
     }
 
     /// As [`Bench::open`], with specialization constants by id.
     pub fn open_specialized(
         &self,
-        names: &[&str],
+        kernels: &[&'static Kernel],
         buffers: Vec<BufferRole<'_>>,
         specialization: &[u32],
     ) -> Result<Executor, GpuError> {
-        let kernels: Vec<_> = names.iter().map(|name| kernel(name)).collect();
         let defaults = Defaults::of(self.device)?;
         // What the driver itself does is asked of all but the renderer's own functions.
-        let is_own = names.iter().all(|name| OWN_FUNCTIONS.contains(name));
+        let is_own = kernels.iter().all(|kernel| OWN_FUNCTIONS.iter().any(|own| own.name == kernel.name));
         let description = ExecutorDescription {
-            kernels: &kernels,
+            kernels,
             specialization,
             buffers,
             access: Access { texel_fetch: defaults.fetch == Fetch::Texel, subgroup_ballot: true },
@@ -101,31 +95,37 @@ impl<'a> Bench<'a> {
     }
 
     /// Runs a recording and takes what its kernel answered.
-    pub fn run<A: Pod>(&self, executor: &mut Executor, kernel: &str, work: &Recording) -> Result<Vec<A>, GpuError> {
-        executor.submit(work)?;
-        let mut bytes = executor.read("answers")?;
-        (self.fault)(kernel, &mut bytes);
-        Ok(bytemuck::pod_collect_to_vec(&bytes))
+    pub fn run<A: Pod>(
+        &self,
+        executor: &mut Executor,
+        kernel: &Kernel,
+        work: &mut Recording,
+    ) -> Result<Vec<A>, GpuError> {
+        let mut found = executor.run(work.download(buffers::ANSWERS))?;
+        (self.fault)(kernel.name, &mut found[0]);
+        Ok(bytemuck::pod_collect_to_vec(&found[0]))
     }
 
     /// What a kernel answers, which has room for as many as `size` bytes of zeros, in one launch.
-    pub fn launch<A: Pod>(&self, name: &'static str, size: usize, batch: Batch) -> Result<Vec<A>, GpuError> {
-        let mut executor = self.open(&[name], vec![state("answers", size, None)])?;
+    pub fn launch<A: Pod>(&self, kernel: &'static Kernel, size: usize, batch: Batch) -> Result<Vec<A>, GpuError> {
+        let mut executor = self.open(&[kernel], vec![state(buffers::ANSWERS, size, None)])?;
         let mut work = Recording::default();
-        work.dispatch(name, batch.pixel_count.div_ceil(self.workgroup_size()), batch);
-        self.run(&mut executor, name, &work)
+        work.dispatch(kernel, batch.pixel_count.div_ceil(self.workgroup_size()), &batch);
+        self.run(&mut executor, kernel, &mut work)
     }
 
     /// What a kernel that is a function answers to each case; `function` says which, where it has several.
-    pub fn ask<C: Pod, A: Pod>(&self, name: &'static str, function: u32, cases: &[C]) -> Result<Vec<A>, GpuError> {
+    pub fn ask<C: Pod, A: Pod>(&self, kernel: &'static Kernel, function: u32, cases: &[C]) -> Result<Vec<A>, GpuError> {
         let bytes = bytemuck::cast_slice(cases);
-        let buffers =
-            vec![state("cases", bytes.len(), Some(bytes)), state("answers", size_of::<A>() * cases.len(), None)];
-        let mut executor = self.open(&[name], buffers)?;
+        let roles = vec![
+            state(buffers::CASES, bytes.len(), Some(bytes)),
+            state(buffers::ANSWERS, size_of::<A>() * cases.len(), None),
+        ];
+        let mut executor = self.open(&[kernel], roles)?;
         let batch = Batch { bounce: function, ..launch(cases.len() as u32) };
         let mut work = Recording::default();
-        work.dispatch(name, batch.pixel_count.div_ceil(self.workgroup_size()), batch);
-        let mut answers = self.run(&mut executor, name, &work)?;
+        work.dispatch(kernel, batch.pixel_count.div_ceil(self.workgroup_size()), &batch);
+        let mut answers = self.run(&mut executor, kernel, &mut work)?;
         // A buffer has sixteen bytes at least.
         answers.truncate(cases.len());
         Ok(answers)
@@ -139,11 +139,11 @@ mod tests {
 
     #[test]
     fn own_functions_have_every_portable_form() {
-        for name in OWN_FUNCTIONS {
+        for kernel in OWN_FUNCTIONS {
             for form in [Form::Native, Form::ByFma, Form::ByIntegers] {
                 let arithmetic = Arithmetic::Portable(Forms { division: form, reciprocal: form, root: form });
                 let build = Build { constants: &[64], arithmetic, driver: None, promises: Promises::default() };
-                for variant in kernel(name).variants {
+                for variant in kernel.variants {
                     assert!(!variant.specialize(&build).words.is_empty());
                 }
             }

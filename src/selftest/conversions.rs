@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use half::f16;
 
+use super::bench::kernels;
 use super::cases::words;
 use super::{Check, Faults, Finding, Verdict};
 
@@ -14,7 +15,7 @@ pub const CHECKS: &[Check] = &[
         spoils: "random numbers, and every index that is made of one",
         run: |bench| {
             let cases = words();
-            Ok(judge_integers(&cases, &bench.ask("conversions", 0, &cases)?))
+            Ok(judge_integers(&cases, &bench.ask(kernels::CONVERSIONS, 0, &cases)?))
         },
     },
     Check {
@@ -23,7 +24,7 @@ pub const CHECKS: &[Check] = &[
         spoils: "textures, and paths in flight of --path-state f16",
         run: |bench| {
             let cases = words();
-            Ok(judge_halves(&cases, &bench.ask("conversions", 0, &cases)?))
+            Ok(judge_halves(&cases, &bench.ask(kernels::CONVERSIONS, 0, &cases)?))
         },
     },
 ];

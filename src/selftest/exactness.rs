@@ -6,10 +6,11 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::arithmetic::{QUOTIENT, RECIPROCAL, ROOT, Results, calculate, judge, settled};
-use super::bench::{Bench, launch};
+use super::bench::{Bench, kernels, launch};
 use super::{Check, Faults, Finding, Verdict};
 use crate::layout::Batch;
 use crate::render::RenderError;
+use crate::shaders::Kernel;
 
 /// Cases of an invocation.
 const RUN: u32 = 1024;
@@ -23,7 +24,10 @@ pub const CHECKS: &[Check] = &[
         checked: "quotients of random pairs and of edges are the nearest number",
         spoils: SPOILS,
         run: |bench| {
-            exactness(bench, &Operation { kernel: "quotients", cases: QUOTIENTS, place: QUOTIENT, of: |a, b| a / b })
+            exactness(
+                bench,
+                &Operation { kernel: kernels::QUOTIENTS, cases: QUOTIENTS, place: QUOTIENT, of: |a, b| a / b },
+            )
         },
     },
     Check {
@@ -33,7 +37,7 @@ pub const CHECKS: &[Check] = &[
         run: |bench| {
             exactness(
                 bench,
-                &Operation { kernel: "reciprocals", cases: 1 << 23, place: RECIPROCAL, of: |a, _| 1.0 / a },
+                &Operation { kernel: kernels::RECIPROCALS, cases: 1 << 23, place: RECIPROCAL, of: |a, _| 1.0 / a },
             )
         },
     },
@@ -41,14 +45,16 @@ pub const CHECKS: &[Check] = &[
         name: "root",
         checked: "roots of every significand and of edges are the nearest number",
         spoils: "raywave corrects no more than 2.5 units: images are wrong",
-        run: |bench| exactness(bench, &Operation { kernel: "roots", cases: 1 << 24, place: ROOT, of: |a, _| a.sqrt() }),
+        run: |bench| {
+            exactness(bench, &Operation { kernel: kernels::ROOTS, cases: 1 << 24, place: ROOT, of: |a, _| a.sqrt() })
+        },
     },
 ];
 
 /// An operation that a device may round in its own way.
 struct Operation {
     /// The kernel that counts.
-    kernel: &'static str,
+    kernel: &'static Kernel,
     /// How many it tries.
     cases: u32,
     /// Where the kernel `arithmetic` answers.
@@ -136,7 +142,7 @@ mod tests {
     use super::*;
     use crate::selftest::cases::operands;
 
-    const DIVIDE: Operation = Operation { kernel: "quotients", cases: 100, place: QUOTIENT, of: |a, b| a / b };
+    const DIVIDE: Operation = Operation { kernel: kernels::QUOTIENTS, cases: 100, place: QUOTIENT, of: |a, b| a / b };
 
     fn quotients(divide: fn(f32, f32) -> f32) -> (Vec<[f32; 3]>, Vec<Results>) {
         let cases = operands();

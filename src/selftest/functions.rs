@@ -5,9 +5,10 @@
 
 use std::f64::consts::TAU;
 
-use super::bench::Bench;
+use super::bench::{Bench, kernels};
 use super::{Check, Finding, Verdict};
 use crate::render::RenderError;
+use crate::shaders::Kernel;
 use crate::stats::SplitMix64;
 
 pub const CHECKS: &[Check] = &[
@@ -82,7 +83,7 @@ const ARGUMENTS: usize = 1 << 18;
 /// A function of one or two numbers.
 struct Function {
     /// The kernel that has it, and its case there.
-    kernel: &'static str,
+    kernel: &'static Kernel,
     number: u32,
     /// The exact one.
     of: fn(f64, f64) -> f64,
@@ -97,12 +98,12 @@ const OWN: &str = "directions, lobes and skies are off, and the image is another
 
 /// A function of the driver's.
 fn of_driver(number: u32, of: fn(f64, f64) -> f64, domain: fn([f64; 2]) -> [f64; 2]) -> Function {
-    Function { kernel: "functions", number, of, domain, bound: None }
+    Function { kernel: kernels::FUNCTIONS, number, of, domain, bound: None }
 }
 
 /// A function of raywave's, which may be off by `bound` units in the last place.
 fn own(number: u32, of: fn(f64, f64) -> f64, domain: fn([f64; 2]) -> [f64; 2], bound: f64) -> Function {
-    Function { kernel: "elementary", number, of, domain, bound: Some(bound) }
+    Function { kernel: kernels::ELEMENTARY, number, of, domain, bound: Some(bound) }
 }
 
 fn measure(bench: &Bench<'_>, function: &Function) -> Result<Finding, RenderError> {
@@ -172,7 +173,7 @@ mod tests {
     use super::*;
 
     const SINE: Function = Function {
-        kernel: "functions",
+        kernel: kernels::FUNCTIONS,
         number: 0,
         of: |x, _| x.sin(),
         domain: |u| [TAU * u[0], 0.0],

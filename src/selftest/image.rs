@@ -1,10 +1,8 @@
 //! The built-in box by every scheduler.
 
-use std::ops::ControlFlow;
-
 use super::bench::Bench;
 use super::{Check, Finding, Verdict};
-use crate::render::{Defaults, PreparedScene, RenderError, Scheduler, Session, Settings};
+use crate::render::{RenderError, Renderer, Scheduler, Settings};
 use crate::scene::Scene;
 
 pub const CHECKS: &[Check] = &[Check {
@@ -23,12 +21,11 @@ const SCHEDULERS: [(Scheduler, &str); 3] =
 fn schedulers(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     let scene = Scene::cornell_box();
     let settings = Settings { width: 96, height: 96, samples: 4, max_bounces: Some(6), ..Settings::of(&scene) };
-    let prepared = PreparedScene::for_device(&scene, &settings, &Defaults::of(bench.device)?)?;
+    let renderer = Renderer::new(bench.device)?;
     let mut digests = Vec::new();
     for (scheduler, name) in SCHEDULERS {
         let settings = Settings { scheduler: Some(scheduler), ..settings };
-        let outcome = Session::new(bench.device, &prepared, &settings)?.render(|_| ControlFlow::Continue(()))?;
-        digests.push((name, outcome.film.mean().digest()));
+        digests.push((name, renderer.render(&scene, &settings)?.image().digest()));
     }
     Ok(judge(&digests, EXPECTED, u64::from(settings.width) * u64::from(settings.height)))
 }

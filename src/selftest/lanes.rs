@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::bench::{Bench, launch};
+use super::bench::{Bench, kernels, launch};
 use super::{Check, Faults, Finding, Verdict};
 use crate::layout::Batch;
 use crate::oracle::pcg4d;
@@ -80,7 +80,8 @@ fn ballots(bench: &Bench<'_>) -> Result<Finding, RenderError> {
         return Ok(Finding::new(0, Verdict::Property, "the device has none; raywave appends by one atomic an entry"));
     }
     let count = 256 * bench.workgroup_size();
-    let voices: Vec<Voice> = bench.launch("ballots", PLACES * count as usize * size_of::<Voice>(), launch(count))?;
+    let voices: Vec<Voice> =
+        bench.launch(kernels::BALLOTS, PLACES * count as usize * size_of::<Voice>(), launch(count))?;
     Ok(judge_ballots(count as usize, &voices))
 }
 
@@ -140,7 +141,7 @@ const ROUNDS: u32 = 8;
 fn append(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     let count = 512 * bench.workgroup_size();
     let batch = Batch { sample_count: ROUNDS, ..launch(count) };
-    let words: Vec<u32> = bench.launch("append", (4 * ROUNDS * (count + 1)) as usize, batch)?;
+    let words: Vec<u32> = bench.launch(kernels::APPEND, (4 * ROUNDS * (count + 1)) as usize, batch)?;
     Ok(judge_append(count, &words).finding("all are", Verdict::Off))
 }
 
@@ -165,7 +166,8 @@ const COUNTERS: u32 = 16;
 
 fn atomics(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     let count = 256 * bench.workgroup_size();
-    let words: Vec<u32> = bench.launch("atomics", 4 * (COUNTERS + 4 + COUNTERS * count) as usize, launch(count))?;
+    let words: Vec<u32> =
+        bench.launch(kernels::ATOMICS, 4 * (COUNTERS + 4 + COUNTERS * count) as usize, launch(count))?;
     Ok(judge_atomics(count, &words).finding("all are right", Verdict::Off))
 }
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::bench::{Bench, launch, state};
+use super::bench::{Bench, buffers, kernels, launch, state};
 use super::{Check, Faults, Finding, Verdict};
 use crate::layout::{Batch, Control};
 use crate::recording::Recording;
@@ -42,22 +42,22 @@ pub const CHECKS: &[Check] = &[
 const SIZES: [u32; 8] = [1, 0, 7, 1000, 2, 20_000, 0, 300];
 
 fn indirect(bench: &Bench<'_>) -> Result<Finding, RenderError> {
-    let kernels = ["indirect_size", "indirect_work"];
+    let kernels = [kernels::INDIRECT_SIZE, kernels::INDIRECT_WORK];
     let control = Control { ray_groups: [0, 1, 1], ..bytemuck::Zeroable::zeroed() };
     let sizes = SIZES.map(|size| size.min(bench.device.description().max_workgroups));
-    let buffers = vec![
-        state("control", size_of::<Control>(), Some(bytemuck::bytes_of(&control))),
-        state("cases", size_of_val(&sizes), Some(bytemuck::cast_slice(&sizes))),
-        state("answers", 16 * sizes.len(), None),
+    let roles = vec![
+        state(buffers::CONTROL, size_of::<Control>(), Some(bytemuck::bytes_of(&control))),
+        state(buffers::CASES, size_of_val(&sizes), Some(bytemuck::cast_slice(&sizes))),
+        state(buffers::ANSWERS, 16 * sizes.len(), None),
     ];
-    let mut executor = bench.open(&kernels, buffers)?;
+    let mut executor = bench.open(&kernels, roles)?;
     let mut work = Recording::default();
     for step in 0..sizes.len() as u32 {
         let batch = Batch { bounce: step, ..launch(0) };
-        work.dispatch(kernels[0], 1, batch);
-        work.dispatch_indirect(kernels[1], offset_of!(Control, ray_groups), batch);
+        work.dispatch(kernels[0], 1, &batch);
+        work.dispatch_indirect(kernels[1], (buffers::CONTROL, offset_of!(Control, ray_groups)), &batch);
     }
-    let answers = bench.run(&mut executor, kernels[1], &work)?;
+    let answers = bench.run(&mut executor, kernels[1], &mut work)?;
     Ok(judge_indirect(&sizes, bench.workgroup_size(), &answers).finding("all are as large as written", Verdict::Off))
 }
 
@@ -82,7 +82,7 @@ fn loops(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     let mut answers: Vec<[u32; 2]> = Vec::new();
     // One by one: some drivers count the turns of lanes together.
     for turns in TURNS {
-        answers.extend(bench.ask::<_, [u32; 2]>("loops", 0, &[turns])?);
+        answers.extend(bench.ask::<_, [u32; 2]>(kernels::LOOPS, 0, &[turns])?);
     }
     Ok(judge_loops(&answers))
 }
@@ -118,12 +118,12 @@ fn barriers(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     let (count, passes) = CHAIN;
     let first: Vec<u32> = (0..2 * count).map(|i| if i < count { i } else { 0 }).collect();
     let bytes = bytemuck::cast_slice(&first);
-    let mut executor = bench.open(&["passes"], vec![state("answers", bytes.len(), Some(bytes))])?;
+    let mut executor = bench.open(&[kernels::PASSES], vec![state(buffers::ANSWERS, bytes.len(), Some(bytes))])?;
     let mut work = Recording::default();
     for pass in 0..passes {
-        work.dispatch("passes", count / bench.workgroup_size(), Batch { bounce: pass, ..launch(count) });
+        work.dispatch(kernels::PASSES, count / bench.workgroup_size(), &Batch { bounce: pass, ..launch(count) });
     }
-    let words: Vec<u32> = bench.run(&mut executor, "passes", &work)?;
+    let words: Vec<u32> = bench.run(&mut executor, kernels::PASSES, &mut work)?;
     Ok(judge_chain(CHAIN, &words).finding("all do", Verdict::Off))
 }
 
@@ -155,14 +155,14 @@ fn clock(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     if bench.device.description().timestamp_period == 0.0 {
         return Ok(Finding::new(0, Verdict::Property, "the device has none; raywave takes the host's clock"));
     }
-    let mut executor = bench.open(&["busy"], vec![state("answers", 4 * INVOCATIONS as usize, None)])?;
+    let mut executor = bench.open(&[kernels::BUSY], vec![state(buffers::ANSWERS, 4 * INVOCATIONS as usize, None)])?;
     let mut passes = 1;
     let mut tries = Vec::new();
     while tries.len() < TRIES {
         let mut work = Recording::default();
         for _ in 0..passes {
             let batch = Batch { sample_count: 4096, ..launch(INVOCATIONS) };
-            work.dispatch("busy", INVOCATIONS.div_ceil(bench.workgroup_size()), batch);
+            work.dispatch(kernels::BUSY, INVOCATIONS.div_ceil(bench.workgroup_size()), &batch);
         }
         executor.forget_times();
         let start = Instant::now();

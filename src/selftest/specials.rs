@@ -1,5 +1,6 @@
 //! NaN, infinities and zeros of both signs.
 
+use super::bench::kernels;
 use super::cases::pairs;
 use super::{Check, Faults, Finding, Verdict};
 
@@ -10,7 +11,7 @@ pub const CHECKS: &[Check] = &[
         spoils: "samples that are no numbers are not found, and degenerate triangles are hit",
         run: |bench| {
             let cases = pairs();
-            Ok(judge(&cases, &bench.ask("specials", 0, &cases)?))
+            Ok(judge(&cases, &bench.ask(kernels::SPECIALS, 0, &cases)?))
         },
     },
     Check {
@@ -19,7 +20,7 @@ pub const CHECKS: &[Check] = &[
         spoils: "bounding boxes are missed, and paths with them",
         run: |bench| {
             let cases = pairs();
-            Ok(judge_min_max(&cases, &bench.ask("specials", 0, &cases)?))
+            Ok(judge_min_max(&cases, &bench.ask(kernels::SPECIALS, 0, &cases)?))
         },
     },
 ];

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::bench::{Bench, state};
+use super::bench::{Bench, buffers, kernels, state};
 use super::{Check, Finding, Verdict};
 use crate::bvh::{self, BvhKind, Hit, Ray};
 use crate::constants::NO_TRIANGLE;
@@ -63,9 +63,12 @@ fn trace(
     };
     let frame = prepared.frame(&settings, plan.path_capacity);
     let stacks = prepared.needs(&settings).stack_bytes(plan.stacks());
-    let own = [state("answers", 4 * HEAD + 16 * TRACED as usize, None), state("stack_blocks", stacks as usize, None)];
-    let buffers = scene_buffers(prepared, &settings, &frame).chain(own).collect();
-    let mut executor = bench.open_specialized(&["edges"], buffers, &prepared.specialization(&settings, &plan))?;
+    let own = [
+        state(buffers::ANSWERS, 4 * HEAD + 16 * TRACED as usize, None),
+        state(buffers::STACK_BLOCKS, stacks as usize, None),
+    ];
+    let roles = scene_buffers(prepared, &settings, &frame).chain(own).collect();
+    let mut executor = bench.open_specialized(&[kernels::EDGES], roles, &prepared.specialization(&settings, &plan))?;
     let batch = Batch {
         first_pixel: prepared.triangles.len() as u32,
         pixel_count: invocations,
@@ -76,8 +79,8 @@ fn trace(
         first_slot: 0,
     };
     let mut work = Recording::default();
-    work.dispatch("edges", plan.groups(invocations), batch);
-    Ok(bench.run(&mut executor, "edges", &work)?)
+    work.dispatch(kernels::EDGES, plan.groups(invocations), &batch);
+    Ok(bench.run(&mut executor, kernels::EDGES, &mut work)?)
 }
 
 /// The ray of that number: `ray_of` of the kernel, in the same arithmetic.

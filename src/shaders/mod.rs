@@ -131,17 +131,6 @@ pub struct Member {
     pub array_stride: u32,
 }
 
-/// The kernel of that name.
-///
-/// # Panics
-/// When no shader file has that name: names are literals in the schedulers.
-pub fn kernel(name: &str) -> &'static Kernel {
-    KERNELS
-        .binary_search_by(|kernel| kernel.name.cmp(name))
-        .map(|index| &KERNELS[index])
-        .expect("schedulers name kernels that exist")
-}
-
 /// Functions in raywave's arithmetic that stand for operations of kernels.
 static PORTABLE_LIBRARY: LazyLock<Library> = LazyLock::new(|| Library::of_words(PORTABLE));
 

@@ -7,7 +7,7 @@ use glam::{DVec3, dvec3};
 use super::Plan;
 use super::lab::{Lab, Measured, tell, trial};
 use super::stage::{Stage, grey, lamp};
-use crate::render::{Defaults, PreparedScene, RenderError, Session, Settings};
+use crate::render::{RenderError, Renderer, Settings};
 use crate::scene::{Integrator, Scene};
 use crate::studies::Trial;
 
@@ -103,8 +103,7 @@ fn halves(lab: &Lab<'_>, width: u32, height: u32) -> Result<Measured, RenderErro
         .polygon(&[corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0)])
         .scene();
     let settings = Settings { width, height, samples: 1, ..lab.picture(Integrator::Implicit, 0) };
-    let prepared = PreparedScene::for_device(&scene, &settings, &Defaults::of(lab.device)?)?;
-    let mut session = Session::new(lab.device, &prepared, &settings)?;
+    let mut session = Renderer::new(lab.device)?.session(&scene, &settings)?;
     let (mut row, mut wrong) = (0, 0);
     let statistics = session.render_tiles(
         |_| ControlFlow::Continue(()),

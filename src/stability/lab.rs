@@ -1,7 +1,5 @@
 //! What the rows share: renders, and ways to hold them against what they should be.
 
-use std::ops::ControlFlow;
-
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -10,7 +8,7 @@ use crate::film::FilmMoments;
 use crate::gpu::Device;
 use crate::oracle::Reference;
 use crate::rays::{RayClass, RayRecord};
-use crate::render::{Defaults, PreparedScene, RenderError, Replay, Session, Settings};
+use crate::render::{PreparedScene, RenderError, Renderer, Replay, Settings};
 use crate::scene::{Integrator, Scene};
 use crate::stats::{mean, standard_error};
 use crate::studies::Trial;
@@ -83,8 +81,7 @@ impl Lab<'_> {
 
     /// Renders.
     pub fn film(&self, scene: &Scene, settings: &Settings) -> Result<(FilmMoments, u64), RenderError> {
-        let prepared = PreparedScene::for_device(scene, settings, &Defaults::of(self.device)?)?;
-        let outcome = Session::new(self.device, &prepared, settings)?.render(|_| ControlFlow::Continue(()))?;
+        let outcome = Renderer::new(self.device)?.render(scene, settings)?;
         Ok((outcome.film, outcome.statistics.nonfinite_samples.into()))
     }
 

@@ -6,13 +6,13 @@ pub mod not_tested;
 pub mod probe;
 pub mod project;
 
-use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 
 pub use project::project_file;
+use raywave::Renderer;
 use raywave::gpu::{Device, Instance};
-use raywave::render::{Defaults, Outcome, PreparedScene, Session, Settings};
+use raywave::render::{Outcome, PreparedScene, Settings};
 use raywave::scene::{Scene, generate_gallery};
 
 /// Vulkan under validation, or without where `RAYWAVE_NO_VALIDATION` is set, for machines that lack the layer.
@@ -62,17 +62,14 @@ pub fn assert_silent(device: &Device) {
 
 /// The scene as the device takes it by its defaults.
 pub fn prepare(device: &Device, scene: &Scene, settings: &Settings) -> PreparedScene {
-    let defaults = Defaults::of(device).expect("the device can be measured");
-    PreparedScene::for_device(scene, settings, &defaults).expect("the scene fits")
+    let renderer = Renderer::new(device).expect("the device can be measured");
+    renderer.prepare(scene, settings).expect("the settings make sense, and the scene fits")
 }
 
 /// Renders and checks that validation is silent and no sample was lost.
 pub fn render_on(device: &Device, scene: &Scene, settings: &Settings) -> Outcome {
-    settings.validate().expect("the settings make sense");
-    let prepared = prepare(device, scene, settings);
-    let mut session = Session::new(device, &prepared, settings).expect("the session starts");
-    let outcome = session.render(|_| ControlFlow::Continue(())).expect("the render ends");
-    drop(session);
+    let renderer = Renderer::new(device).expect("the device can be measured");
+    let outcome = renderer.render(scene, settings).expect("the render ends");
     assert_silent(device);
     assert_eq!(outcome.statistics.nonfinite_samples, 0, "NaN or infinite samples");
     outcome

@@ -74,10 +74,10 @@ impl Bench {
         let input_bytes = bytemuck::cast_slice(inputs);
         let output_size = size_of::<O>() * inputs.len();
         let probe_buffers = [
-            state("probe_inputs", input_bytes.len() as u64, Some(input_bytes)),
-            state("probe_outputs", output_size as u64, None),
-            state("control", size_of::<Control>() as u64, None),
-            state("stack_blocks", self.scene.needs(&self.settings).stack_bytes(plan.stacks()).max(16), None),
+            state(buffers::PROBE_INPUTS, input_bytes.len() as u64, Some(input_bytes)),
+            state(buffers::PROBE_OUTPUTS, output_size as u64, None),
+            state(buffers::CONTROL, size_of::<Control>() as u64, None),
+            state(buffers::STACK_BLOCKS, self.scene.needs(&self.settings).stack_bytes(plan.stacks()).max(16), None),
         ];
         let defaults = Defaults::of(&self.device).expect("the device can be measured");
         let description = ExecutorDescription {
@@ -92,9 +92,8 @@ impl Bench {
         let mut executor = Executor::new(&self.device, description).expect("the probe is built");
         let batch = Batch { pixel_count: items, sample_count: 1, ..bytemuck::Zeroable::zeroed() };
         let mut recording = Recording::default();
-        recording.dispatch(kernel.name, items.div_ceil(workgroup_size), batch);
-        executor.submit(&recording).expect("the probe runs");
-        let outputs = bytemuck::pod_collect_to_vec(&executor.read("probe_outputs").expect("the probe ends"));
+        recording.dispatch(kernel, items.div_ceil(workgroup_size), &batch).download(buffers::PROBE_OUTPUTS);
+        let outputs = bytemuck::pod_collect_to_vec(&executor.run(&recording).expect("the probe runs")[0]);
         drop(executor);
         assert_silent(&self.device);
         outputs
