@@ -1,7 +1,7 @@
 //! A Vulkan compute path tracer that is also a measuring instrument.
 //!
 //! The rooms and who may depend on whom are drawn in `ARCHITECTURE.md`. In short: [`scene`],
-//! [`bvh`], [`film`] and [`stats`] know nothing of the GPU; [`layout`] is the one home of structs
+//! [`bvh`], [`image`], [`film`] and [`stats`] know nothing of the GPU; [`layout`] is the one home of structs
 //! that the GPU sees; [`render`] turns a scene and its settings into a plain recording of passes,
 //! and [`gpu`], the only room with Vulkan and `unsafe`, executes it.
 
@@ -14,6 +14,7 @@ pub mod export;
 pub mod facts;
 pub mod film;
 pub mod gpu;
+pub mod image;
 pub mod layout;
 pub mod oracle;
 pub mod rays;

@@ -17,7 +17,7 @@ use std::process::{Command, Stdio};
 
 use glam::Vec3;
 use raywave::export::{Document, Exports, Format, Page, TradeoffDocument};
-use raywave::film::read_image;
+use raywave::image::read_image;
 use raywave::stats::Bootstrap;
 use raywave::studies::tradeoff::{Base, Reference, ReferenceKeeper, Sweep, TradeoffReport};
 use raywave::studies::{

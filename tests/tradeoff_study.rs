@@ -13,7 +13,7 @@ use glam::Vec3;
 use raywave::cli::compare;
 use raywave::cli::tradeoff::{self, TradeoffArguments};
 use raywave::export::{Exported, Page, TradeoffDocument};
-use raywave::film::Image;
+use raywave::image::Image;
 use raywave::stats::{Bootstrap, DARK, Interval, SplitMix64, mean};
 use raywave::studies::tradeoff::departures::{self, Departure, ProductRow, Products, ReferenceSum};
 use raywave::studies::tradeoff::{
@@ -478,7 +478,7 @@ fn files_hold_what_was_found() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = |name: &str| folder.path().join(name).display().to_string();
     let reference = folder.path().join("reference.exr");
-    raywave::film::write_image(&reference, &exact_truth(), &raywave::film::WriteOptions::default())
+    raywave::image::write_image(&reference, &exact_truth(), &raywave::image::WriteOptions::default())
         .expect("it is written");
     let arguments = command_line(&format!(
         "known --quiet --budget 300s --target-error 1e-2 --reference {} --json {} --csv {} --markdown {} --html {}",

@@ -14,8 +14,9 @@ use serde_json::{Map, Value, json};
 use crate::clocks::{self, ClockState};
 use crate::export::plain;
 use crate::facts::{self, Facts};
-use crate::film::{FilmMoments, Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
+use crate::film::{FilmMoments, ImageMean, MeanSum};
 use crate::gpu::{DeviceDescription, GpuError, Tools};
+use crate::image::{Image, WriteOptions, check_output, write_image};
 use crate::render::{
     Defaults, DeviceTrace, Ending, Fault, Fetch, Kept, Offsets, PreparedScene, Progress, RenderError, Session,
     Settings, Statistics, find_faults,

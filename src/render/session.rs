@@ -17,10 +17,11 @@ use super::traced::{DeviceTrace, Gathering};
 use super::{batch, bounce, megakernel, wavefront};
 use crate::bvh::BvhKind;
 use crate::constants::{COUNTED_BOUNCES, STAGES};
-use crate::film::{FilmMoments, Image};
+use crate::film::FilmMoments;
 use crate::gpu::{
     BufferRole, BufferUse, CompiledKernel, Device, Executor, ExecutorDescription, GpuError, Idle, KernelTime,
 };
+use crate::image::Image;
 use crate::layout::{Bins, Control, FilmPixel, Frame, RayCount, WorkCount};
 use crate::recording::Recording;
 use crate::shaders::{self, Access, Arithmetic, Edition, Forms, Library};

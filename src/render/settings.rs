@@ -8,7 +8,7 @@ use thiserror::Error;
 
 use crate::bvh::BvhKind;
 use crate::constants::MATERIAL_BINS;
-use crate::film::MAX_PIXELS;
+use crate::image::MAX_PIXELS;
 use crate::rays::RayClass;
 use crate::scene::{Integrator, Sampler, Scene};
 

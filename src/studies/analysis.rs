@@ -13,7 +13,7 @@ use super::noise::{outliers, trend};
 use super::validity::Verdict;
 use super::{Configuration, Rounds, Study};
 use crate::clocks::ClockState;
-use crate::film::Image;
+use crate::image::Image;
 use crate::stats::{CONFIDENCE, Estimate, FEWEST_ROUNDS, TOO_FEW_ROUNDS, median};
 
 /// p-value of a trend below which the timings drift.

@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use super::Configuration;
 use crate::clocks::ClockState;
-use crate::film::Image;
+use crate::image::Image;
 use crate::stats::mean;
 
 /// What a render is for. The settings of the picture are the same in all of them.

@@ -20,7 +20,7 @@ use self::svg::escape;
 use self::table::{Cell, table};
 use super::numbers::{Unit, bounds, bytes, grouped, power_of_ten, seconds, significant};
 use super::{Document, compiled, plain};
-use crate::film::Image;
+use crate::image::Image;
 use crate::stats::{Interval, TOO_FEW_ROUNDS};
 use crate::studies::{Clock, CombinationReport, Measurement, RatioVerdict, Report, SceneReport, StageWork, Verdict};
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::export::heatmap::{HeatmapScale, heatmap};
-use crate::film::{Image, WriteOptions, image_bytes};
+use crate::image::{Image, WriteOptions, image_bytes};
 
 /// Every image once, however often the page is written and whoever shares it.
 #[derive(Debug, Default)]
