@@ -13,7 +13,7 @@ use std::{
 
 use glam::{DQuat, DVec2, DVec3, dvec2, dvec3};
 
-use super::{Place, SceneError};
+use super::{Location, SceneError};
 use crate::whole_file;
 
 const SCENE: &str = "\
@@ -159,11 +159,10 @@ newmtl ember
 /// than the few thousand that its shapes need.
 ///
 /// # Errors
-/// [`SceneError::Write`] where a file cannot be written.
+/// Where a file cannot be written.
 pub fn generate_gallery(dir: &Path, triangles: usize) -> Result<(), SceneError> {
-    let refuse = |path: &Path, error: &io::Error| SceneError::Write {
-        place: Place::file(path),
-        problem: format!("cannot be written ({error}); check the folder and the space left"),
+    let refuse = |path: &Path, error: &io::Error| {
+        Location::file(path).refuse(format!("cannot be written ({error}); check the folder and the space left"))
     };
     fs::create_dir_all(dir).map_err(|error| refuse(dir, &error))?;
     let write = |name: &str, fill: &dyn Fn(&mut dyn Write) -> io::Result<()>| {

@@ -1,27 +1,33 @@
 //! Scenes: TOML, OBJ, MTL and image files read into one validated [`Scene`].
 //!
-//! This room owns the file formats and their errors. It knows nothing of the GPU, of BVHs or of
-//! films: everything here is in world units and, where positions are concerned, `f64`, so that
-//! the scale and place of a scene cost no precision before the renderer normalises them.
+//! An importer turns a file into an `Import`, which no file format shows in (`import`); `assemble`
+//! makes the scene of it. This room knows nothing of the GPU, of BVHs or of films: everything here is
+//! in world units and, where positions are concerned, `f64`, so that the scale and place of a scene
+//! cost no precision before the renderer normalises them.
 
-mod document;
+mod assemble;
 mod error;
-mod files;
 mod generate;
-mod load;
-mod material;
-mod obj;
-mod picture;
-mod place;
+mod import;
+mod sources;
 mod text;
+mod transform;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-pub use error::{Place, SceneError};
+pub use error::{Location, SceneError};
 pub use generate::generate_gallery;
+use sources::{Files, Sources};
+
+/// The Cornell box of `scenes/`, part of the program.
+const CORNELL_BOX: &[(&str, &[u8])] = &[
+    ("cornell-box.toml", include_bytes!("../../scenes/cornell-box.toml")),
+    ("cornell-box.obj", include_bytes!("../../scenes/cornell-box.obj")),
+    ("cornell-box.mtl", include_bytes!("../../scenes/cornell-box.mtl")),
+];
 
 /// Index of a corner that has no normal or no texture coordinate.
 pub const NONE: u32 = u32::MAX;
@@ -54,6 +60,29 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Reads a scene file, `.toml`, or a bare mesh, `.obj`.
+    ///
+    /// A bare mesh is seen whole, along -z and a little from above, in an image of 512 x 512; where
+    /// it has no light of its own it stands in a white environment of radiance 1.
+    ///
+    /// # Errors
+    /// Whatever is wrong with the file or with one that it names, see [`SceneError`].
+    pub fn load(path: &Path) -> Result<Self, SceneError> {
+        Self::load_from(Files::Disk, path)
+    }
+
+    /// The built-in Cornell box, the same scene as `scenes/cornell-box.toml`.
+    pub fn cornell_box() -> Self {
+        Self::load_from(Files::Embedded(CORNELL_BOX), Path::new("cornell-box.toml"))
+            .expect("the files are part of the program and a test loads them")
+    }
+
+    fn load_from(files: Files, path: &Path) -> Result<Self, SceneError> {
+        let mut sources = Sources::new(files, path);
+        let import = import::import(path, &mut sources)?;
+        assemble::assemble(import, path, sources)
+    }
+
     /// The lowest and highest corner of the box around all triangles, world units.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         self.mesh.bounds()
@@ -115,11 +144,11 @@ impl Default for RenderDefaults {
 /// How light is gathered along a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Integrator {
-    /// BRDF importance sampling alone: a path counts when it finds a light.
+    /// BSDF sampling only: a path counts the emission that it hits.
     Implicit,
-    /// A light sample at every non-specular vertex.
+    /// Next-event estimation: a light sample at every non-specular vertex.
     Explicit,
-    /// Both, weighted by their densities. (Veach and Guibas 1995, the power heuristic)
+    /// Both, combined by multiple importance sampling. (Veach and Guibas 1995, the power heuristic)
     Mis,
 }
 
@@ -127,7 +156,7 @@ pub enum Integrator {
 /// dimension and seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sampler {
-    /// Numbers that know nothing of each other.
+    /// Independent pseudo-random numbers.
     Independent,
     /// A Sobol sequence in each pixel, Owen-scrambled: samples keep their distance. (Burley 2020)
     Sobol,
@@ -175,7 +204,7 @@ pub struct Triangle {
 /// One material, its energy rule already applied (Kd + Ks at most 1 in every channel).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
-    /// Name in the MTL file.
+    /// Name in the file that defines it.
     pub name: String,
     /// What light does at the surface.
     pub surface: Surface,
@@ -206,16 +235,17 @@ impl Material {
     }
 }
 
-/// What light does at a surface, from MTL's `illum`.
+/// What light does at a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Surface {
-    /// `illum` 0, 1, 2: Lambert plus Phong lobe.
+    /// Diffuse reflection (Lambert) plus a glossy lobe (Phong).
     Glossy,
-    /// `illum` 3, 5: perfect mirror of reflectance Ks.
+    /// Specular reflection, the same at every angle.
     Mirror,
-    /// `illum` 6: perfect refraction; reflects only under total internal reflection.
+    /// Specular transmission by Snell's law; reflects only under total internal reflection.
     Refractive,
-    /// `illum` 4, 7, 9: smooth dielectric, Fresnel-weighted.
+    /// A smooth interface between dielectrics: specular reflection and transmission, weighted by
+    /// the Fresnel equations.
     Dielectric,
 }
 
