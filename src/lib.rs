@@ -13,6 +13,7 @@ pub mod constants;
 pub mod export;
 pub mod facts;
 pub mod film;
+pub mod gallery;
 pub mod gpu;
 pub mod image;
 pub mod layout;

@@ -9,7 +9,8 @@ use std::{f64::consts::FRAC_1_SQRT_2, fs, io::Cursor, path::PathBuf};
 use glam::{DVec3, Vec2, Vec3, dvec3, vec2, vec3};
 use project::project_file;
 use proptest::prelude::*;
-use raywave::scene::{Environment, Integrator, Material, NONE, Scene, SceneError, Surface, generate_gallery};
+use raywave::gallery::generate_gallery;
+use raywave::scene::{Environment, Integrator, Material, NONE, Scene, SceneError, Surface};
 use tempfile::TempDir;
 
 /// Lines 1 to 4 of a scene file.

@@ -7,8 +7,8 @@
 
 mod assemble;
 mod error;
-mod generate;
 mod import;
+pub mod shapes;
 mod sources;
 mod text;
 mod transform;
@@ -19,7 +19,6 @@ use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 pub use error::{Location, SceneError};
-pub use generate::generate_gallery;
 use sources::{Files, Sources};
 
 /// The Cornell box of `scenes/`, part of the program.
