@@ -12,7 +12,7 @@ use fake_renderer::normal;
 use glam::Vec3;
 use raywave::cli::compare;
 use raywave::cli::tradeoff::{self, TradeoffArguments};
-use raywave::export::{Exported, Page, TradeoffDocument};
+use raywave::export::{Document, Page};
 use raywave::image::Image;
 use raywave::stats::{Bootstrap, DARK, Interval, SplitMix64, mean};
 use raywave::studies::tradeoff::departures::{self, Departure, ProductRow, Products, ReferenceSum};
@@ -425,7 +425,7 @@ fn what_is_broken_off_keeps_what_it_has() {
             })
             .expect("to break off is no error");
         assert!(!report.complete, "{renders}");
-        let document = TradeoffDocument { provenance: &Provenance::default(), report: &report };
+        let document = Document { provenance: &Provenance::default(), report: &report };
         let json: serde_json::Value = serde_json::from_str(&document.json()).expect("it is JSON");
         assert_eq!(json["complete"], false);
         let text = document.markdown();
@@ -434,7 +434,7 @@ fn what_is_broken_off_keeps_what_it_has() {
         for point in report.points.iter().filter(|point| (2..6).contains(&point.runs.len())) {
             assert!(point.seconds.expect("it was timed").interval.is_none() && text.contains("too few rounds"));
             assert!(document.csv().contains("too few rounds"));
-            assert!(Page::new(0.0).tradeoff(&document).contains("too few rounds"));
+            assert!(document.html(&mut Page::new(0.0)).contains("too few rounds"));
         }
         for knob in report.knobs.iter().filter(|knob| knob.cost_ratio.interval.is_none()) {
             assert_eq!(knob.worth, Worth::TooFewRounds);
