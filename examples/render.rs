@@ -4,8 +4,8 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use raywave::Renderer;
-use raywave::film::{WriteOptions, write_image};
 use raywave::gpu::Device;
+use raywave::image::{WriteOptions, write_image};
 use raywave::render::Settings;
 use raywave::scene::Scene;
 

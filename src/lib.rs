@@ -20,7 +20,7 @@
 //! that go on after a device was lost. The frame function, which all schedulers share, is in `src/render/schedule.rs`.
 //!
 //! The rooms and who may depend on whom are drawn in `ARCHITECTURE.md`. In short: [`scene`],
-//! [`bvh`], [`film`] and [`stats`] know nothing of the GPU; [`layout`] is the one home of structs
+//! [`bvh`], [`image`], [`film`] and [`stats`] know nothing of the GPU; [`layout`] is the one home of structs
 //! that the GPU sees; [`render`] turns a scene and its settings into a plain recording of passes,
 //! and [`gpu`], the only room with Vulkan and `unsafe`, executes it.
 
@@ -32,7 +32,9 @@ pub mod constants;
 pub mod export;
 pub mod facts;
 pub mod film;
+pub mod gallery;
 pub mod gpu;
+pub mod image;
 pub mod lab;
 pub mod layout;
 pub mod oracle;

@@ -11,7 +11,7 @@ use clap::Parser;
 use glam::Vec3;
 use raywave::cli::compare::{self, CompareArguments};
 use raywave::export::{Document, Exports, Format};
-use raywave::film::Image;
+use raywave::image::Image;
 use raywave::settings::parse_count;
 use raywave::stats::{Estimate, Interval, SplitMix64};
 use raywave::studies::{

@@ -4,8 +4,8 @@
 mod common;
 
 use common::{device, own_scene, render_on, tries};
-use raywave::film::Image;
 use raywave::gpu::Device;
+use raywave::image::Image;
 use raywave::render::Settings;
 use raywave::scene::{Integrator, Sampler, Scene};
 use raywave::stats::Moments;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Parser;
 use glam::{Vec3, vec3};
 use raywave::cli::diff::{DiffArguments, HeatmapScale, diff, run};
-use raywave::film::{Image, WriteOptions, write_image};
+use raywave::image::{Image, WriteOptions, write_image};
 use tempfile::TempDir;
 
 #[derive(Parser)]
@@ -209,7 +209,7 @@ fn missing_images_are_named() {
 
 /// Perceived lightness grows with luminance.
 fn luminance(colour: [u8; 3]) -> f64 {
-    let linear = colour.map(|code| raywave::film::srgb::decode(f64::from(code) / 255.0));
+    let linear = colour.map(|code| raywave::image::srgb::decode(f64::from(code) / 255.0));
     0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 }
 

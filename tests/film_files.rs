@@ -11,8 +11,9 @@ use exr::prelude::{
 };
 use glam::{DVec3, Vec3, dvec3, vec3};
 use half::f16;
-use raywave::film::{
-    FilmError, FilmMoments, Image, WriteOptions, check_output, image_bytes, read_image, read_metadata, srgb,
+use raywave::film::FilmMoments;
+use raywave::image::{
+    Image, ImageError, ImageProblem, WriteOptions, check_output, image_bytes, read_image, read_metadata, srgb,
     write_image,
 };
 use raywave::stats::SplitMix64;
@@ -288,7 +289,7 @@ fn metadata_that_would_change_the_file_is_refused() {
     ] {
         let options = WriteOptions { metadata: &bad, ..WriteOptions::default() };
         let error = write_image(&path, &noise(2, 2), &options).unwrap_err();
-        assert!(matches!(error, FilmError::MetadataKey { .. }), "{error}");
+        assert!(matches!(error.problem, ImageProblem::MetadataKey { .. }), "{error}");
     }
     assert!(files_in(folder.path()).is_empty());
 }
@@ -299,7 +300,7 @@ fn only_exr_is_asked_for_metadata() {
     let path = folder.path().join("a.png");
     write(&path, &noise(2, 2));
     let error = read_metadata(&path).unwrap_err();
-    assert!(matches!(error, FilmError::NoMetadata { .. }));
+    assert!(matches!(error.problem, ImageProblem::NoMetadata));
     let path = folder.path().join("plain.exr");
     write(&path, &noise(2, 2));
     assert!(read_metadata(&path).unwrap().is_empty());
@@ -439,7 +440,7 @@ fn exr_without_plain_colour_says_what_it_has() {
         let attributes = LayerAttributes::default();
         exr_file(&path, vec![exr_layer((1, 1), Encoding::UNCOMPRESSED, attributes, &channels)]);
         let error = read_image(&path).unwrap_err();
-        assert!(matches!(error, FilmError::NoColour { .. }));
+        assert!(matches!(error.problem, ImageProblem::NoColour { .. }));
         assert!(error.to_string().contains(&names.join(", ")), "{error}");
         assert_well_spoken(&error, &path);
     }
@@ -466,7 +467,7 @@ fn png_of_other_programs_is_read() {
 // Failures
 
 /// Every message is one line and names the file.
-fn assert_well_spoken(error: &FilmError, path: &Path) {
+fn assert_well_spoken(error: &ImageError, path: &Path) {
     let message = error.to_string();
     assert!(message.starts_with(&path.display().to_string()), "{message}");
     assert!(!message.contains('\n'), "{message}");
@@ -483,7 +484,7 @@ fn outputs_are_checked_before_the_work() {
     }
     for name in ["a", "a.jpg", "a.exr.", "exr", ".exr"] {
         let error = check_output(&inside(name)).unwrap_err();
-        assert!(matches!(error, FilmError::UnknownFormat { .. }), "{error}");
+        assert!(matches!(error.problem, ImageProblem::UnknownFormat { .. }), "{error}");
         assert_well_spoken(&error, &inside(name));
     }
     let error = check_output(&inside("folder.exr")).unwrap_err();
@@ -505,7 +506,7 @@ fn unwritable_folders_are_noticed() {
     for error in
         [check_output(path).unwrap_err(), write_image(path, &noise(2, 2), &WriteOptions::default()).unwrap_err()]
     {
-        assert!(matches!(error, FilmError::Write { .. }), "{error}");
+        assert!(matches!(error.problem, ImageProblem::Write { .. }), "{error}");
         assert_well_spoken(&error, path);
     }
 }
@@ -572,7 +573,7 @@ fn damaged_files_are_errors() {
         for length in (0..bytes.len() - 20).step_by(7) {
             fs::write(&path, &bytes[..length]).unwrap();
             let error = read_image(&path).unwrap_err();
-            assert!(matches!(error, FilmError::Decode { .. }), "{error}");
+            assert!(matches!(error.problem, ImageProblem::Decode { .. }), "{error}");
             assert_well_spoken(&error, &path);
         }
         // Flipped bytes may go unnoticed, but they must not bring the program down.
@@ -589,7 +590,7 @@ fn damaged_files_are_errors() {
     for name in ["missing.exr", "missing.png", "missing.hdr"] {
         let path = folder.path().join(name);
         let error = read_image(&path).unwrap_err();
-        assert!(matches!(error, FilmError::Open { .. }), "{error}");
+        assert!(matches!(error.problem, ImageProblem::Open { .. }), "{error}");
         assert_well_spoken(&error, &path);
     }
 }
@@ -614,7 +615,7 @@ fn a_header_cannot_ask_for_all_memory() {
     let path = folder.path().join("huge.hdr");
     fs::write(&path, b"#?RADIANCE\n\n-Y 1000000 +X 1000000\n").unwrap();
     let error = read_image(&path).unwrap_err();
-    assert!(matches!(error, FilmError::TooLarge { .. }), "{error}");
+    assert!(matches!(error.problem, ImageProblem::TooLarge { .. }), "{error}");
 
     let path = folder.path().join("huge.exr");
     let mut bytes = image_bytes(&path, &noise(1, 1), &WriteOptions::default()).unwrap();

@@ -16,8 +16,8 @@ use std::ops::ControlFlow;
 use std::process::{Command, Stdio};
 
 use glam::Vec3;
-use raywave::export::{Document, Exports, Format, Page, TradeoffDocument};
-use raywave::film::read_image;
+use raywave::export::{Document, Exports, Format, Page};
+use raywave::image::read_image;
 use raywave::stats::Bootstrap;
 use raywave::studies::tradeoff::{Base, Reference, ReferenceKeeper, Sweep, TradeoffReport};
 use raywave::studies::{
@@ -315,7 +315,7 @@ fn compiled_kernels_stand_beside_their_times() {
     let (mut report, provenance) = (example(), provenance());
     let told = |report: &Report| {
         let document = Document { provenance: &provenance, report };
-        let page = Page::new(0.0).html(&document);
+        let page = document.html(&mut Page::new(0.0));
         let section = page.split("id=\"compiled\"").nth(1).and_then(|rest| rest.split("</section>").next());
         (document.markdown(), section.unwrap_or_default().to_owned())
     };
@@ -364,7 +364,7 @@ fn too_few_rounds_are_the_verdict_in_every_format() {
         let report = study.run(&mut renderer, &mut |_| ControlFlow::Continue(())).expect("it renders");
         let provenance = provenance();
         let document = Document { provenance: &provenance, report: &report };
-        let page = Page::new(0.0).html(&document);
+        let page = document.html(&mut Page::new(0.0));
         (
             document.json(),
             [document.csv(), document.markdown(), page.split("<main>").next().unwrap_or("").to_owned()],
@@ -415,13 +415,13 @@ fn files_are_checked_before_the_work_begins() {
     assert_eq!(written("a.json"), document.json());
     assert_eq!(written("a.csv"), document.csv());
     assert_eq!(written("a.md"), document.markdown());
-    assert_eq!(written("a.html"), Page::new(0.0).html(&document));
+    assert_eq!(written("a.html"), document.html(&mut Page::new(0.0)));
 }
 
 #[test]
 fn the_page_asks_nothing_of_the_network_and_escapes_what_it_shows() {
     let (report, provenance) = (example(), provenance());
-    let page = Page::new(0.0).html(&Document { provenance: &provenance, report: &report });
+    let page = Document { provenance: &provenance, report: &report }.html(&mut Page::new(0.0));
     for reference in ["http://", "https://", "src=\"/", "@import", "url("] {
         assert!(!page.contains(reference), "{reference}");
     }
@@ -451,7 +451,7 @@ fn a_page_of_a_study_that_has_only_begun_is_whole() {
     let mut renderer = FakeRenderer::new(|_, _| 1.0);
     let _ = study(&["scheduler=wavefront,megakernel,in-flight"], 2).run(&mut renderer, &mut |event| {
         if let raywave::studies::Event::Updated { report } = event {
-            pages.push(page.html(&Document { provenance: &provenance, report }));
+            pages.push(Document { provenance: &provenance, report }.html(&mut page));
         }
         ControlFlow::Continue(())
     });
@@ -553,15 +553,11 @@ fn the_page_works_in_a_browser() {
     let provenance = provenance();
     let sweep = example_of_a_sweep();
     let front = format!("{} ", sweep.front.len());
-    let page = |report: &Report| Page::new(0.0).html(&Document { provenance: &provenance, report });
+    let page = |report: &Report| Document { provenance: &provenance, report }.html(&mut Page::new(0.0));
     for (name, page, maps) in [
         ("factorial", page(&example()), Some("7 5 ")),
         ("crossover", page(&example_of_a_crossover()), None),
-        (
-            "sweep",
-            Page::new(0.0).tradeoff(&TradeoffDocument { provenance: &provenance, report: &sweep }),
-            Some(&*front),
-        ),
+        ("sweep", Document { provenance: &provenance, report: &sweep }.html(&mut Page::new(0.0)), Some(&*front)),
     ] {
         if let Ok(path) = std::env::var("RAYWAVE_REPORT_PAGE") {
             std::fs::write(format!("{path}-{name}.html"), &page).expect("the page is written");

@@ -3,7 +3,7 @@
 
 use glam::{Vec3, vec3};
 use proptest::prelude::*;
-use raywave::film::Image;
+use raywave::image::Image;
 use raywave::stats::{
     Bootstrap, CONFIDENCE, Estimate, FEWEST_ROUNDS, Interval, Moments, SplitMix64, chi_square, compare_images, mean,
     median, normal_cdf, normal_quantile, quantile, relative_squared_error, sidak_adjusted, sidak_level, standard_error,

@@ -13,8 +13,8 @@ use glam::Vec3;
 use raywave::cli::compare;
 use raywave::cli::picture::PictureArguments;
 use raywave::cli::tradeoff::{self, TradeoffArguments};
-use raywave::export::{Exported, Page, TradeoffDocument};
-use raywave::film::Image;
+use raywave::export::{Document, Page};
+use raywave::image::Image;
 use raywave::scene::Scene;
 use raywave::settings::{RouletteMode, Sampler, Scheduler, Settings};
 use raywave::stats::{Bootstrap, DARK, Interval, SplitMix64, mean};
@@ -465,7 +465,7 @@ fn what_is_broken_off_keeps_what_it_has() {
             })
             .expect("to break off is no error");
         assert!(!report.complete, "{renders}");
-        let document = TradeoffDocument { provenance: &Provenance::default(), report: &report };
+        let document = Document { provenance: &Provenance::default(), report: &report };
         let json: serde_json::Value = serde_json::from_str(&document.json()).expect("it is JSON");
         assert_eq!(json["complete"], false);
         let text = document.markdown();
@@ -474,7 +474,7 @@ fn what_is_broken_off_keeps_what_it_has() {
         for point in report.points.iter().filter(|point| (2..6).contains(&point.runs.len())) {
             assert!(point.seconds.expect("it was timed").interval.is_none() && text.contains("too few rounds"));
             assert!(document.csv().contains("too few rounds"));
-            assert!(Page::new(0.0).tradeoff(&document).contains("too few rounds"));
+            assert!(document.html(&mut Page::new(0.0)).contains("too few rounds"));
         }
         for knob in report.knobs.iter().filter(|knob| knob.cost_ratio.interval.is_none()) {
             assert_eq!(knob.worth, Worth::TooFewRounds);
@@ -518,7 +518,7 @@ fn files_hold_what_was_found() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = |name: &str| folder.path().join(name).display().to_string();
     let reference = folder.path().join("reference.exr");
-    raywave::film::write_image(&reference, &exact_truth(), &raywave::film::WriteOptions::default())
+    raywave::image::write_image(&reference, &exact_truth(), &raywave::image::WriteOptions::default())
         .expect("it is written");
     let arguments = command_line(&format!(
         "known --quiet --budget 300s --target-error 1e-2 --reference {} --json {} --csv {} --markdown {} --html {}",

@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 use common::project::program;
 use common::{device, project_file};
 use raywave::bvh::BvhKind;
-use raywave::film::read_image;
+use raywave::image::read_image;
 use raywave::scene::Scene;
 use serde_json::Value;
 use tempfile::TempDir;

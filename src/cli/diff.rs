@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::print;
 pub use crate::export::heatmap::HeatmapScale;
 use crate::export::heatmap::heatmap;
-use crate::film::{WriteOptions, check_output, read_image, write_image};
+use crate::image::{WriteOptions, check_output, read_image, write_image};
 use crate::stats::{Differences, ImageComparison, compare_images};
 
 /// Compare an image with a reference of the same size

@@ -110,7 +110,7 @@ pub fn main() -> ExitCode {
         Command::Stability(arguments) => stability::run(&arguments),
         Command::Selftest(arguments) => selftest::run(&arguments),
         Command::Gallery(GalleryArguments { folder, triangles }) => {
-            crate::scene::generate_gallery(&folder, triangles as usize).map_err(Into::into)
+            crate::gallery::generate_gallery(&folder, triangles as usize).map_err(Into::into)
         }
     };
     match result {

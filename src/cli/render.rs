@@ -14,8 +14,9 @@ use serde_json::{Map, Value, json};
 use crate::clocks::{self, ClockState};
 use crate::export::plain;
 use crate::facts::{self, Facts};
-use crate::film::{FilmMoments, Image, ImageMean, MeanSum, WriteOptions, check_output, write_image};
+use crate::film::{FilmMoments, ImageMean, MeanSum};
 use crate::gpu::{DeviceDescription, GpuError, Tools};
+use crate::image::{Image, WriteOptions, check_output, write_image};
 use crate::lab::{self, Tuning, tuning};
 use crate::render::{
     Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Session, Statistics, find_faults,

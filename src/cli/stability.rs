@@ -6,8 +6,8 @@ use std::sync::atomic::Ordering;
 use anyhow::ensure;
 
 use super::compare::provenance;
-use super::{check_text_output, open_device, print, stop_on_interrupt, write_text};
-use crate::export::EnvelopeDocument;
+use super::{open_device, print, stop_on_interrupt};
+use crate::export::{Document, Exports, Format, envelope::lines};
 use crate::lab::sign;
 use crate::stability::{Level, plans};
 use crate::studies::Envelope;
@@ -36,6 +36,9 @@ pub struct StabilityArguments {
     /// Write everything, as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write a row for each setting, as CSV
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
     /// Write the table, as Markdown
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
@@ -60,12 +63,14 @@ pub fn run(arguments: &StabilityArguments) -> anyhow::Result<()> {
     for name in &arguments.only {
         ensure!(names.contains(&name.as_str()), "--only {name} is no row; the rows are {}", names.join(", "));
     }
-    let files = [&arguments.json, &arguments.markdown, &arguments.html];
-    for (i, file) in files.iter().enumerate() {
-        let Some(path) = file else { continue };
-        check_text_output(path)?;
-        ensure!(!files[..i].contains(file), "{}: two outputs name the same file", path.display());
-    }
+    let files = [
+        (Format::Json, &arguments.json),
+        (Format::Csv, &arguments.csv),
+        (Format::Markdown, &arguments.markdown),
+        (Format::Html, &arguments.html),
+    ];
+    let files = files.into_iter().filter_map(|(format, file)| Some((format, file.clone()?)));
+    let mut exports = Exports::open(files.collect(), 0.0)?;
     let level = match (arguments.quick, arguments.thorough) {
         (true, _) => Level::Quick,
         (_, true) => Level::Thorough,
@@ -75,7 +80,7 @@ pub fn run(arguments: &StabilityArguments) -> anyhow::Result<()> {
     let provenance = sign(device.description(), provenance());
     let interrupted = stop_on_interrupt("finishing the row that is begun; Ctrl-C again gives it up")?;
     let level_name = format!("{level:?}").to_lowercase();
-    let mut envelope = Envelope { level: level_name, rows: Vec::new(), complete: false };
+    let mut envelope = Envelope { level: level_name, limits: Vec::new(), complete: false };
     let chosen: Vec<_> =
         plans().filter(|plan| arguments.only.is_empty() || arguments.only.iter().any(|o| o == plan.name)).collect();
     for (number, plan) in chosen.iter().enumerate() {
@@ -85,18 +90,11 @@ pub fn run(arguments: &StabilityArguments) -> anyhow::Result<()> {
         if !arguments.quiet {
             eprintln!("{} of {}: {}", number + 1, chosen.len(), plan.name);
         }
-        envelope.rows.push(plan.run(&device, level));
-        envelope.complete = envelope.rows.len() == chosen.len();
-        let document = EnvelopeDocument { provenance: &provenance, envelope: &envelope };
-        for (file, text) in
-            files.iter().zip([EnvelopeDocument::json, EnvelopeDocument::markdown, EnvelopeDocument::html])
-        {
-            if let Some(path) = file {
-                write_text(path, &text(&document))?;
-            }
-        }
+        envelope.limits.push(plan.run(&device, level));
+        envelope.complete = envelope.limits.len() == chosen.len();
+        exports.write(&Document { provenance: &provenance, report: &envelope })?;
     }
-    print(&EnvelopeDocument { provenance: &provenance, envelope: &envelope }.lines())?;
-    let failing: Vec<&str> = envelope.rows.iter().filter(|row| !row.holds()).map(|row| row.name).collect();
+    print(&lines(&envelope))?;
+    let failing: Vec<&str> = envelope.limits.iter().filter(|row| !row.holds()).map(|row| row.name).collect();
     if failing.is_empty() { Ok(()) } else { Err(BrokenPromise(failing.join(", ")).into()) }
 }

@@ -13,7 +13,7 @@ use super::at_least_one;
 use super::picture::PictureArguments;
 use super::{print, readable_bytes, stop_on_interrupt};
 use crate::export::numbers::seconds;
-use crate::export::{Exported, Exports, Format, TradeoffDocument};
+use crate::export::{Document, Exports, Format};
 use crate::lab::References;
 use crate::stats::Bootstrap;
 use crate::studies::tradeoff::{Sweep, SweepEvent, SweepPlan};
@@ -115,7 +115,7 @@ pub fn run(
                 bar.tick();
             }
             SweepEvent::Updated(report) => {
-                if let Err(error) = exports.update(&TradeoffDocument { provenance: &provenance, report }) {
+                if let Err(error) = exports.update(&Document { provenance: &provenance, report }) {
                     unwritten = Some(error);
                     return ControlFlow::Break(());
                 }
@@ -131,7 +131,7 @@ pub fn run(
     if let (Some(warning), false) = (references.warning(), arguments.quiet) {
         eprintln!("warning: {warning}");
     }
-    let document = TradeoffDocument { provenance: &provenance, report: &report };
+    let document = Document { provenance: &provenance, report: &report };
     exports.write(&document)?;
     print(&document.markdown())
 }

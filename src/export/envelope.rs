@@ -1,113 +1,108 @@
-//! The operating envelope as JSON, Markdown, a page, and lines for a terminal.
+//! The operating envelope as CSV, as Markdown and in lines for a terminal.
 
-use serde::Serialize;
-
-use super::html::envelope::page;
-use super::markdown::escape;
+use super::csv::Row;
+use super::markdown::{escape, head};
 use super::numbers::count;
-use crate::studies::{Envelope, Provenance, Row, Trial};
+use crate::studies::{Envelope, Limit, Provenance, Trial};
 
-/// An envelope and where it comes from.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct EnvelopeDocument<'a> {
-    /// Where it comes from.
-    pub provenance: &'a Provenance,
-    /// What was found.
-    #[serde(flatten)]
-    pub envelope: &'a Envelope,
+/// A row for each setting of each limit.
+pub fn rows(envelope: &Envelope, provenance: &Provenance) -> Vec<Row> {
+    let of_limit = |limit: &'_ Limit| -> Vec<Row> {
+        limit.trials.iter().map(|trial| row(envelope, provenance, limit, trial)).collect()
+    };
+    envelope.limits.iter().flat_map(of_limit).collect()
 }
 
-impl EnvelopeDocument<'_> {
-    /// Everything, as JSON: keys in snake_case; what is not a finite number is null.
-    pub fn json(&self) -> String {
-        serde_json::to_string_pretty(self).expect("an envelope has nothing that JSON has not") + "\n"
-    }
-
-    /// A self-contained page.
-    pub fn html(&self) -> String {
-        page(self)
-    }
-
-    /// A table, and what to know of each row.
-    pub fn markdown(&self) -> String {
-        let Self { provenance, envelope } = self;
-        let mut text = format!(
-            "# raywave stability\n\n{}, {}; raywave {}, built by {}; {}\n\n    {}\n\n",
-            escape(&provenance.device),
-            escape(&provenance.driver),
-            provenance.raywave_version,
-            escape(&provenance.rustc_version),
-            provenance.date,
-            provenance.command_line.replace('\n', " "),
-        );
-        text += &format!("{}\n\n", summary(envelope));
-        text += "| row | driven | promised | worst | allowed | holds to | fails at | looked at |\n";
-        text += "| :-- | :-- | :-- | --: | --: | --: | --: | --: |\n";
-        for row in &envelope.rows {
-            let cells = [
-                row.name.to_owned(),
-                row.driven.to_owned(),
-                promised(row),
-                row.worst().map_or_else(none, error),
-                measured(row.allowed),
-                row.last_good().map_or_else(none, |trial| trial.setting.clone()),
-                row.threshold().map_or_else(|| "not reached".to_owned(), |trial| trial.setting.clone()),
-                count(row.checked() as f64),
-            ];
-            text += &format!("| {} |\n", cells.map(|cell| escape(&cell)).join(" | "));
-        }
-        text += "\n";
-        for row in &envelope.rows {
-            let notes: Vec<&str> = [row.measure, row.remark].into_iter().filter(|note| !note.is_empty()).collect();
-            text += &format!("- **{}**: {}\n", row.name, escape(&notes.join("; ")));
-        }
-        text
-    }
-
-    /// A line a row.
-    pub fn lines(&self) -> String {
-        let lines: String = self.envelope.rows.iter().map(line).collect();
-        format!("{lines}{}\n", summary(self.envelope))
-    }
+fn row(envelope: &Envelope, provenance: &Provenance, limit: &Limit, trial: &Trial) -> Row {
+    let mut row = Row::default();
+    row.text("device", &provenance.device);
+    row.text("driver", &provenance.driver);
+    row.text("raywave_version", &provenance.raywave_version);
+    row.text("level", &envelope.level);
+    row.text("row", limit.name);
+    row.text("driven", limit.driven);
+    row.text("setting", &trial.setting);
+    row.text("required", trial.required);
+    row.text("holds", trial.holds(limit.allowed));
+    row.number("measured", Some(trial.measured));
+    row.number("standard_error", Some(trial.standard_error));
+    row.number("allowed", Some(limit.allowed));
+    row.count("checked", Some(trial.checked));
+    row.count("nonfinite_samples", Some(trial.nonfinite_samples));
+    row.text("failure", &trial.failure);
+    row
 }
 
-/// A row for a terminal: whether it holds, the worst of what is promised, and where it fails.
-pub fn line(row: &Row) -> String {
-    let verdict = if row.holds() { "holds" } else { "FAILS" };
-    let worst = row.worst().map_or_else(none, error);
-    let threshold = match row.threshold() {
+/// A table, and what to know of each limit.
+pub fn markdown(envelope: &Envelope, provenance: &Provenance) -> String {
+    let mut text = head("stability", provenance);
+    text += &format!("{}\n\n", summary(envelope));
+    text += "| row | driven | promised | worst | allowed | holds to | fails at | looked at |\n";
+    text += "| :-- | :-- | :-- | --: | --: | --: | --: | --: |\n";
+    for limit in &envelope.limits {
+        let cells = [
+            limit.name.to_owned(),
+            limit.driven.to_owned(),
+            promised(limit),
+            limit.worst().map_or_else(none, error),
+            measured(limit.allowed),
+            limit.last_good().map_or_else(none, |trial| trial.setting.clone()),
+            limit.threshold().map_or_else(|| "not reached".to_owned(), |trial| trial.setting.clone()),
+            count(limit.checked() as f64),
+        ];
+        text += &format!("| {} |\n", cells.map(|cell| escape(&cell)).join(" | "));
+    }
+    text += "\n";
+    for limit in &envelope.limits {
+        let notes: Vec<&str> = [limit.measure, limit.remark].into_iter().filter(|note| !note.is_empty()).collect();
+        text += &format!("- **{}**: {}\n", limit.name, escape(&notes.join("; ")));
+    }
+    text
+}
+
+/// A line for each limit, and all of it in a sentence.
+pub fn lines(envelope: &Envelope) -> String {
+    let lines: String = envelope.limits.iter().map(line).collect();
+    format!("{lines}{}\n", summary(envelope))
+}
+
+/// A limit for a terminal: whether it holds, the worst of what is promised, and where it fails.
+fn line(limit: &Limit) -> String {
+    let verdict = if limit.holds() { "holds" } else { "FAILS" };
+    let worst = limit.worst().map_or_else(none, error);
+    let threshold = match limit.threshold() {
         Some(trial) => format!("fails at {}: {}", trial.setting, error(trial)),
         None => "no failure reached".to_owned(),
     };
-    let part = if row.reduced.is_empty() { String::new() } else { format!(" ({})", row.reduced) };
+    let part = if limit.reduced.is_empty() { String::new() } else { format!(" ({})", limit.reduced) };
     format!(
         "{verdict}  {:<23} {}: {}\n       worst {worst}, {} allowed; {threshold}{part}\n",
-        row.name,
-        row.driven,
-        promised(row),
-        measured(row.allowed),
+        limit.name,
+        limit.driven,
+        promised(limit),
+        measured(limit.allowed),
     )
 }
 
 /// What was promised: from the first to the last setting.
-pub fn promised(row: &Row) -> String {
+pub fn promised(limit: &Limit) -> String {
     let settings: Vec<&str> =
-        row.trials.iter().filter(|trial| trial.required).map(|trial| trial.setting.as_str()).collect();
+        limit.trials.iter().filter(|trial| trial.required).map(|trial| trial.setting.as_str()).collect();
     settings.join(", ")
 }
 
 /// All of it in a sentence.
 pub fn summary(envelope: &Envelope) -> String {
-    let failing: Vec<&str> = envelope.rows.iter().filter(|row| !row.holds()).map(|row| row.name).collect();
+    let failing: Vec<&str> = envelope.limits.iter().filter(|limit| !limit.holds()).map(|limit| limit.name).collect();
     let verdict = match failing.as_slice() {
         [] => "all that is promised holds".to_owned(),
         names => format!("not as promised: {}", names.join(", ")),
     };
-    let trials: usize = envelope.rows.iter().map(|row| row.trials.len()).sum();
-    let checked: u64 = envelope.rows.iter().map(Row::checked).sum();
+    let trials: usize = envelope.limits.iter().map(|limit| limit.trials.len()).sum();
+    let checked: u64 = envelope.limits.iter().map(Limit::checked).sum();
     format!(
         "{} rows, {trials} settings, {} samples and rays: {verdict}; {} samples were NaN or infinite{}",
-        envelope.rows.len(),
+        envelope.limits.len(),
         count(checked as f64),
         envelope.nonfinite_samples(),
         if envelope.complete { "" } else { "; broken off" },

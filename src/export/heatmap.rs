@@ -5,7 +5,7 @@ use std::fmt;
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
-use crate::film::{Image, srgb};
+use crate::image::{Image, srgb};
 use crate::stats::relative_squared_error;
 
 /// Decades that the logarithmic heatmap spans below its brightest.

@@ -1,12 +1,13 @@
 //! Reports of studies as files: JSON, CSV, Markdown and a page of HTML.
 //!
-//! This room turns a [`Report`] and its [`Provenance`] into text and keeps the files. It measures
-//! nothing, knows nothing of the GPU and never prints. JSON holds everything; CSV holds a row for
-//! each combination; Markdown and HTML are for people.
+//! This room turns a report and its [`Provenance`] into text and keeps the files. It measures
+//! nothing, knows nothing of the GPU and never prints. JSON holds everything; CSV is a table for other
+//! programs; Markdown and HTML are for people.
 
+mod compare;
 mod compiled;
 mod csv;
-mod envelope;
+pub mod envelope;
 mod error;
 pub mod heatmap;
 mod html;
@@ -20,70 +21,99 @@ use std::time::Instant;
 use serde::Serialize;
 use serde_json::Value;
 
-pub use envelope::EnvelopeDocument;
+pub use csv::Row;
 pub use error::ExportError;
 pub use html::Page;
-pub use tradeoff::TradeoffDocument;
 
-use crate::studies::{Provenance, Report};
+use crate::studies::tradeoff::TradeoffReport;
+use crate::studies::{Envelope, Provenance, Report};
 use crate::whole_file;
+
+/// What a study found, in every format.
+pub trait Exported: Serialize {
+    /// The rows of the CSV.
+    fn rows(&self, provenance: &Provenance) -> Vec<Row>;
+    /// Tables, as Markdown.
+    fn markdown(&self, provenance: &Provenance) -> String;
+    /// A page of HTML.
+    fn html(&self, provenance: &Provenance, page: &mut Page) -> String;
+}
+
+/// A row of the CSV is a combination of settings on a scene.
+impl Exported for Report {
+    fn rows(&self, provenance: &Provenance) -> Vec<Row> {
+        compare::rows(self, provenance)
+    }
+
+    fn markdown(&self, provenance: &Provenance) -> String {
+        compare::markdown(self, provenance)
+    }
+
+    fn html(&self, provenance: &Provenance, page: &mut Page) -> String {
+        html::compare::page(self, provenance, page)
+    }
+}
+
+/// A row of the CSV is a point of the sweep.
+impl Exported for TradeoffReport {
+    fn rows(&self, provenance: &Provenance) -> Vec<Row> {
+        tradeoff::rows(self, provenance)
+    }
+
+    fn markdown(&self, provenance: &Provenance) -> String {
+        tradeoff::markdown(self, provenance)
+    }
+
+    fn html(&self, provenance: &Provenance, page: &mut Page) -> String {
+        html::tradeoff::page(self, provenance, page)
+    }
+}
+
+/// A row of the CSV is a setting of a limit.
+impl Exported for Envelope {
+    fn rows(&self, provenance: &Provenance) -> Vec<Row> {
+        envelope::rows(self, provenance)
+    }
+
+    fn markdown(&self, provenance: &Provenance) -> String {
+        envelope::markdown(self, provenance)
+    }
+
+    fn html(&self, provenance: &Provenance, page: &mut Page) -> String {
+        html::envelope::page(self, provenance, page)
+    }
+}
 
 /// A report and where it comes from.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub struct Document<'a> {
+pub struct Document<'a, R> {
     /// Where it comes from.
     pub provenance: &'a Provenance,
     /// What was found.
     #[serde(flatten)]
-    pub report: &'a Report,
+    pub report: &'a R,
 }
 
-impl Document<'_> {
+impl<R: Exported> Document<'_, R> {
     /// Everything, as JSON: keys in snake_case with the unit in their name; what is not a finite
     /// number is null.
     pub fn json(&self) -> String {
         serde_json::to_string_pretty(self).expect("a report has nothing that JSON has not") + "\n"
     }
 
-    /// A row for each combination of each scene, as CSV (RFC 4180) with a header. What does not
-    /// apply is empty.
+    /// A table, as CSV (RFC 4180) with a header. What does not apply is empty.
     pub fn csv(&self) -> String {
-        csv::write(self)
+        csv::table(&self.report.rows(self.provenance))
     }
 
-    /// A table for each scene, as Markdown.
-    pub fn markdown(&self) -> String {
-        markdown::write(self)
-    }
-}
-
-/// What can be written in every format.
-pub trait Exported {
-    /// Everything, as JSON.
-    fn json(&self) -> String;
-    /// Rows, as CSV.
-    fn csv(&self) -> String;
     /// Tables, as Markdown.
-    fn markdown(&self) -> String;
-    /// A page of HTML.
-    fn html(&self, page: &mut Page) -> String;
-}
-
-impl Exported for Document<'_> {
-    fn json(&self) -> String {
-        self.json()
+    pub fn markdown(&self) -> String {
+        self.report.markdown(self.provenance)
     }
 
-    fn csv(&self) -> String {
-        self.csv()
-    }
-
-    fn markdown(&self) -> String {
-        self.markdown()
-    }
-
-    fn html(&self, page: &mut Page) -> String {
-        page.html(self)
+    /// A page of HTML. `page` keeps images from one time to the next.
+    pub fn html(&self, page: &mut Page) -> String {
+        self.report.html(self.provenance, page)
     }
 }
 
@@ -136,7 +166,7 @@ impl Exports {
     ///
     /// # Errors
     /// As [`Exports::write`].
-    pub fn update(&mut self, document: &dyn Exported) -> Result<(), ExportError> {
+    pub fn update(&mut self, document: &Document<'_, impl Exported>) -> Result<(), ExportError> {
         let start = Instant::now();
         if self.next.is_none_or(|next| start >= next) {
             self.write(document)?;
@@ -149,7 +179,7 @@ impl Exports {
     ///
     /// # Errors
     /// A file that cannot be written any more, such as on a full disk. Those before it are written.
-    pub fn write(&mut self, document: &dyn Exported) -> Result<(), ExportError> {
+    pub fn write(&mut self, document: &Document<'_, impl Exported>) -> Result<(), ExportError> {
         for (format, path) in &self.files {
             let text = match format {
                 Format::Json => document.json(),

@@ -99,6 +99,16 @@ pub fn ratio(ratio: &Estimate) -> String {
     estimate(ratio, |value| format!("{value:.3}"))
 }
 
+/// A number that may be small, with three digits.
+pub fn small(value: f64) -> String {
+    format!("{value:.2e}")
+}
+
+/// Such a number and its interval.
+pub fn small_interval(number: &Estimate) -> String {
+    estimate(number, small)
+}
+
 /// A power of ten: `10⁻⁶`.
 pub fn power_of_ten(exponent: i32) -> String {
     let raised = |character| match character {

@@ -1,52 +1,11 @@
-//! A sweep's report as JSON, CSV and Markdown, and what it says in sentences.
+//! A sweep as CSV, as Markdown and in sentences.
 
-use serde::Serialize;
-
-use super::csv::line;
-use super::markdown::{self, escape};
-use super::numbers::{Unit, estimate, interval, ratio, seconds};
-use super::{Exported, Page};
+use super::csv::Row;
+use super::markdown::{escape, head};
+use super::numbers::{Unit, interval, ratio, seconds, small, small_interval};
 use crate::stats::{Estimate, TOO_FEW_ROUNDS};
 use crate::studies::Provenance;
 use crate::studies::tradeoff::{Decomposition, KnobReport, PointReport, TradeoffReport, Worth};
-
-/// A report of a sweep and where it comes from.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct TradeoffDocument<'a> {
-    /// Where it comes from.
-    pub provenance: &'a Provenance,
-    /// What was found.
-    #[serde(flatten)]
-    pub report: &'a TradeoffReport,
-}
-
-impl Exported for TradeoffDocument<'_> {
-    fn json(&self) -> String {
-        serde_json::to_string_pretty(self).expect("a report has nothing that JSON has not") + "\n"
-    }
-
-    fn csv(&self) -> String {
-        csv(self)
-    }
-
-    fn markdown(&self) -> String {
-        markdown(self)
-    }
-
-    fn html(&self, page: &mut Page) -> String {
-        page.tradeoff(self)
-    }
-}
-
-/// A number that may be small, with three digits.
-pub fn small(value: f64) -> String {
-    format!("{value:.2e}")
-}
-
-/// It and its interval.
-pub fn small_interval(number: &Estimate) -> String {
-    estimate(number, small)
-}
 
 /// What a knob at a level is called.
 pub fn knob_label(knob: &KnobReport) -> String {
@@ -135,64 +94,38 @@ pub fn reference_text(report: &TradeoffReport) -> String {
     format!("{}; {noise}", report.reference)
 }
 
-fn csv(document: &TradeoffDocument<'_>) -> String {
-    let mut lines = Vec::new();
-    for point in &document.report.points {
-        let cells = cells(document, point);
-        if lines.is_empty() {
-            lines.push(line(cells.iter().map(|(name, _)| name.as_str())));
-        }
-        lines.push(line(cells.iter().map(|(_, value)| value.as_str())));
-    }
-    lines.concat()
+/// A row for each point.
+pub fn rows(report: &TradeoffReport, provenance: &Provenance) -> Vec<Row> {
+    report.points.iter().map(|point| row(report, provenance, point)).collect()
 }
 
-/// Names and values of a row, in one place, so that they cannot fall apart.
-fn cells(document: &TradeoffDocument<'_>, point: &PointReport) -> Vec<(String, String)> {
-    let (provenance, facts) = (document.provenance, &document.report.facts);
-    let number = |value: Option<f64>| value.filter(|v| v.is_finite()).map_or_else(String::new, |v| v.to_string());
-    let mut cells: Vec<(String, String)> = [
-        ("device", provenance.device.clone()),
-        ("driver", provenance.driver.clone()),
-        ("raywave_version", provenance.raywave_version.clone()),
-        ("scene", facts.scene.clone()),
-        ("scene_hash", facts.scene_hash.clone()),
-        ("width_pixels", facts.width_pixels.to_string()),
-        ("height_pixels", facts.height_pixels.to_string()),
-        ("point", point.label.clone()),
-        ("samples_per_pixel", point.samples.to_string()),
-        ("render_flags", point.flags.clone()),
-        ("renders", point.runs.len().to_string()),
-        ("failed", point.failed.clone().unwrap_or_default()),
-        ("on_front", point.on_front.to_string()),
-    ]
-    .map(|(name, value)| (name.to_owned(), value))
-    .to_vec();
-    let mut estimate = |name: &str, estimate: Option<Estimate>| {
-        cells.push((name.to_owned(), number(estimate.map(|e| e.value))));
-        let interval = estimate.and_then(|e| e.interval);
-        cells.push((format!("{name}_low"), number(interval.map(|i| i.low))));
-        cells.push((format!("{name}_high"), number(interval.map(|i| i.high))));
-    };
-    estimate("seconds", point.seconds);
+fn row(report: &TradeoffReport, provenance: &Provenance, point: &PointReport) -> Row {
+    let mut row = Row::of(provenance, &report.facts);
+    row.text("point", &point.label);
+    row.text("samples_per_pixel", point.samples);
+    row.text("render_flags", &point.flags);
+    row.text("renders", point.runs.len());
+    row.text("failed", point.failed.as_deref().unwrap_or_default());
+    row.text("on_front", point.on_front);
+    row.estimate("seconds", point.seconds);
     for (name, error) in [("rel_mse", point.rel_mse), ("mse", point.mse)] {
         let part = |of: fn(Decomposition) -> Estimate| error.map(of);
-        estimate(name, part(|error| error.total));
-        estimate(&format!("{name}_bias_squared"), part(|error| error.bias_squared));
-        estimate(&format!("{name}_variance"), part(|error| error.variance));
+        row.estimate(name, part(|error| error.total));
+        row.estimate(&format!("{name}_bias_squared"), part(|error| error.bias_squared));
+        row.estimate(&format!("{name}_variance"), part(|error| error.variance));
     }
-    estimate("relative_mean_error", point.mean_error);
-    estimate("efficiency_per_second", point.efficiency);
-    let verdict = point.seconds.filter(|seconds| seconds.interval.is_none()).map_or("", |_| TOO_FEW_ROUNDS);
-    cells.push(("interval_verdict".to_owned(), verdict.to_owned()));
-    cells.push(("nonfinite_samples".to_owned(), point.nonfinite_samples.to_string()));
-    cells
+    row.estimate("relative_mean_error", point.mean_error);
+    row.estimate("efficiency_per_second", point.efficiency);
+    let has_no_interval = point.seconds.is_some_and(|seconds| seconds.interval.is_none());
+    row.text("interval_verdict", if has_no_interval { TOO_FEW_ROUNDS } else { "" });
+    row.text("nonfinite_samples", point.nonfinite_samples);
+    row
 }
 
-fn markdown(document: &TradeoffDocument<'_>) -> String {
-    let (provenance, report) = (document.provenance, document.report);
+/// Tables of knobs and points.
+pub fn markdown(report: &TradeoffReport, provenance: &Provenance) -> String {
     let facts = &report.facts;
-    let mut text = markdown::head("tradeoff", provenance);
+    let mut text = head("tradeoff", provenance);
     if !report.complete {
         text += "**The sweep was not finished; this is what it has so far.**\n\n";
     }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::Context;
 
 use super::host::cache_folder;
-use crate::film::{Image, WriteOptions, read_image, read_metadata, write_image};
+use crate::image::{Image, WriteOptions, read_image, read_metadata, write_image};
 use crate::studies::tradeoff::{Base, Reference, ReferenceKeeper, ReferenceNoise};
 use crate::studies::{SceneFacts, StudyError};
 

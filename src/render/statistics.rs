@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use super::plan::Band;
 use crate::bvh::BvhKind;
-use crate::film::{FilmMoments, Image};
+use crate::film::FilmMoments;
 use crate::gpu::{Idle, KernelTime};
+use crate::image::Image;
 use crate::layout::{RayCount, WorkCount};
 use crate::settings::Scheduler;
 

@@ -9,24 +9,31 @@ use super::text::one_line;
 
 /// A file and, where one is to blame, a line in it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Place {
+pub struct Location {
     /// The file, as it was named by the user or by the file that refers to it.
     pub path: PathBuf,
     /// Line number, counted from 1.
     pub line: Option<usize>,
 }
 
-impl Place {
+impl Location {
+    /// A whole file.
     pub(super) fn file(path: &Path) -> Self {
         Self { path: path.to_path_buf(), line: None }
     }
 
+    /// A line of a file.
     pub(super) fn line(path: &Path, line: usize) -> Self {
         Self { path: path.to_path_buf(), line: Some(line) }
     }
+
+    /// The error that blames this place. The problem says what is wrong and what to do.
+    pub(super) fn refuse(&self, problem: impl Into<String>) -> SceneError {
+        SceneError { location: self.clone(), problem: problem.into() }
+    }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for Location {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&one_line(&self.path.to_string_lossy()))?;
         match self.line {
@@ -38,76 +45,10 @@ impl fmt::Display for Place {
 
 /// Why a scene was refused. Every message is one line: `FILE:LINE: what is wrong; what to do`.
 #[derive(Debug, thiserror::Error)]
-pub enum SceneError {
-    /// A file that cannot be read, or that is neither TOML nor OBJ.
-    #[error("{place}: {problem}")]
-    File {
-        /// Where the file is named, or the file itself.
-        place: Place,
-        /// What is wrong and what to do.
-        problem: String,
-    },
-    /// A scene file that breaks the format.
-    #[error("{place}: {problem}")]
-    Toml {
-        /// The line to blame.
-        place: Place,
-        /// What is wrong and what to do.
-        problem: String,
-    },
-    /// A mesh that breaks the format, or that holds nothing to render.
-    #[error("{place}: {problem}")]
-    Obj {
-        /// The line to blame.
-        place: Place,
-        /// What is wrong and what to do.
-        problem: String,
-    },
-    /// A material that breaks the format.
-    #[error("{place}: {problem}")]
-    Mtl {
-        /// The line to blame.
-        place: Place,
-        /// What is wrong and what to do.
-        problem: String,
-    },
-    /// A texture or an environment that cannot be used.
-    #[error("{place}: {problem}")]
-    Image {
-        /// The line that names the image.
-        place: Place,
-        /// The image, what is wrong with it, and what to do.
-        problem: String,
-    },
-    /// More vertices or triangles than 32-bit indices reach.
-    #[error("{place}: {problem}")]
-    TooLarge {
-        /// The file that crosses the limit.
-        place: Place,
-        /// What there is too much of, and what to do.
-        problem: String,
-    },
-    /// A generated file that cannot be written.
-    #[error("{place}: {problem}")]
-    Write {
-        /// The file.
-        place: Place,
-        /// What is wrong and what to do.
-        problem: String,
-    },
-}
-
-impl SceneError {
-    /// The file and line to blame.
-    pub fn place(&self) -> &Place {
-        match self {
-            Self::File { place, .. }
-            | Self::Toml { place, .. }
-            | Self::Obj { place, .. }
-            | Self::Mtl { place, .. }
-            | Self::Image { place, .. }
-            | Self::TooLarge { place, .. }
-            | Self::Write { place, .. } => place,
-        }
-    }
+#[error("{location}: {problem}")]
+pub struct SceneError {
+    /// The file and line to blame: where a file cannot be used, the line that names it.
+    pub location: Location,
+    /// What is wrong and what to do.
+    pub problem: String,
 }

@@ -1,28 +1,33 @@
 //! Scenes: TOML, OBJ, MTL and image files read into one validated [`Scene`].
 //!
-//! This room owns the file formats and their errors. It knows nothing of the GPU, of BVHs or of
-//! films: everything here is in world units and, where positions are concerned, `f64`, so that
-//! the scale and place of a scene cost no precision before the renderer normalises them.
+//! An importer turns a file into an `Import`, which no file format shows in (`import`); `assemble`
+//! makes the scene of it. This room knows nothing of the GPU, of BVHs or of films: everything here is
+//! in world units and, where positions are concerned, `f64`, so that the scale and place of a scene
+//! cost no precision before the renderer normalises them.
 
-mod document;
+mod assemble;
 mod error;
-mod files;
-mod generate;
-mod load;
-mod material;
-mod obj;
-mod picture;
-mod place;
+mod import;
+pub mod shapes;
+mod sources;
 mod text;
+mod transform;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::settings::Settings;
 use glam::{DVec3, Vec2, Vec3};
 
 pub use crate::settings::{Integrator, Sampler};
-pub use error::{Place, SceneError};
-pub use generate::generate_gallery;
+pub use error::{Location, SceneError};
+use sources::{Files, Sources};
+
+/// The Cornell box of `scenes/`, part of the program.
+const CORNELL_BOX: &[(&str, &[u8])] = &[
+    ("cornell-box.toml", include_bytes!("../../scenes/cornell-box.toml")),
+    ("cornell-box.obj", include_bytes!("../../scenes/cornell-box.obj")),
+    ("cornell-box.mtl", include_bytes!("../../scenes/cornell-box.mtl")),
+];
 
 /// Index of a corner that has no normal or no texture coordinate.
 pub const NONE: u32 = u32::MAX;
@@ -55,6 +60,29 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Reads a scene file, `.toml`, or a bare mesh, `.obj`.
+    ///
+    /// A bare mesh is seen whole, along -z and a little from above, in an image of 512 x 512; where
+    /// it has no light of its own it stands in a white environment of radiance 1.
+    ///
+    /// # Errors
+    /// Whatever is wrong with the file or with one that it names, see [`SceneError`].
+    pub fn load(path: &Path) -> Result<Self, SceneError> {
+        Self::load_from(Files::Disk, path)
+    }
+
+    /// The built-in Cornell box, the same scene as `scenes/cornell-box.toml`.
+    pub fn cornell_box() -> Self {
+        Self::load_from(Files::Embedded(CORNELL_BOX), Path::new("cornell-box.toml"))
+            .expect("the files are part of the program and a test loads them")
+    }
+
+    fn load_from(files: Files, path: &Path) -> Result<Self, SceneError> {
+        let mut sources = Sources::new(files, path);
+        let import = import::import(path, &mut sources)?;
+        assemble::assemble(import, path, sources)
+    }
+
     /// The lowest and highest corner of the box around all triangles, world units.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         self.mesh.bounds()
@@ -159,7 +187,7 @@ pub struct Triangle {
 /// One material, its energy rule already applied (Kd + Ks at most 1 in every channel).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
-    /// Name in the MTL file.
+    /// Name in the file that defines it.
     pub name: String,
     /// What light does at the surface.
     pub surface: Surface,
@@ -190,16 +218,17 @@ impl Material {
     }
 }
 
-/// What light does at a surface, from MTL's `illum`.
+/// What light does at a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Surface {
-    /// `illum` 0, 1, 2: Lambert plus Phong lobe.
+    /// Diffuse reflection (Lambert) plus a glossy lobe (Phong).
     Glossy,
-    /// `illum` 3, 5: perfect mirror of reflectance Ks.
+    /// Specular reflection, the same at every angle.
     Mirror,
-    /// `illum` 6: perfect refraction; reflects only under total internal reflection.
+    /// Specular transmission by Snell's law; reflects only under total internal reflection.
     Refractive,
-    /// `illum` 4, 7, 9: smooth dielectric, Fresnel-weighted.
+    /// A smooth interface between dielectrics: specular reflection and transmission, weighted by
+    /// the Fresnel equations.
     Dielectric,
 }
 

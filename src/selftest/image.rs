@@ -47,7 +47,7 @@ fn judge(digests: &[(&str, String)], expected: Option<&str>, pixels: u64) -> Fin
 mod tests {
     use glam::Vec3;
 
-    use crate::film::Image;
+    use crate::image::Image;
 
     use super::*;
 

@@ -22,7 +22,7 @@ pub use table::markdown_rows;
 
 use crate::bvh::BvhKind;
 use crate::constants::MATERIAL_BINS;
-use crate::film::MAX_PIXELS;
+use crate::image::MAX_PIXELS;
 
 /// Most samples of a pixel: the film's sums are tested up to here.
 pub const MAX_SAMPLES: u32 = 1 << 24;

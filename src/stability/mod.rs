@@ -17,7 +17,7 @@ use std::time::Instant;
 pub use lab::{Lab, Level};
 
 use crate::gpu::Device;
-use crate::studies::{Row, Trial};
+use crate::studies::{Limit, Trial};
 
 /// A row of the study: what to drive, and what is promised.
 pub struct Plan {
@@ -42,10 +42,10 @@ pub fn plans() -> impl Iterator<Item = &'static Plan> {
 
 impl Plan {
     /// Renders its scenes on a device.
-    pub fn run(&self, device: &Device, level: Level) -> Row {
+    pub fn run(&self, device: &Device, level: Level) -> Limit {
         let start = Instant::now();
         let trials = (self.trials)(&Lab { device, level });
-        Row {
+        Limit {
             name: self.name,
             driven: self.driven,
             measure: self.measure,

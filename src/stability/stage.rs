@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3, dvec3};
 
-use crate::scene::{Camera, Environment, Material, Mesh, NONE, RenderDefaults, Scene, Surface, Triangle};
+use crate::scene::{Camera, Environment, Material, Mesh, NONE, RenderDefaults, Scene, Surface, Triangle, shapes};
 
 /// A scene in the making: fronts are where corners run counter-clockwise.
 #[derive(Clone)]
@@ -124,12 +124,7 @@ impl Stage {
 
 /// A box with its fronts outwards.
 pub fn cuboid(low: DVec3, high: DVec3) -> Vec<Vec<DVec3>> {
-    let corner = |i: usize| {
-        let pick = |bit: usize, low: f64, high: f64| if i >> bit & 1 == 0 { low } else { high };
-        dvec3(pick(0, low.x, high.x), pick(1, low.y, high.y), pick(2, low.z, high.z))
-    };
-    let faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
-    faces.iter().map(|face| face.map(corner).to_vec()).collect()
+    shapes::cuboid(low, high).map(Vec::from).to_vec()
 }
 
 /// A cube about the origin.

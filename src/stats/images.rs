@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Moments, ZTest, z_test};
-use crate::film::Image;
+use crate::image::Image;
 
 /// Keeps relMSE finite where the reference is dark, in radiance squared. The 0.01 of Rousselle,
 /// Knaus and Zwicker, "Adaptive sampling and reconstruction using greedy error minimization",

@@ -7,13 +7,14 @@ use serde::ser::SerializeStruct;
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
 
-use super::crossover::{Crossover, crossovers};
+use super::crossover::{Crossover, CrossoverPoint, find_crossings};
 use super::measurement::{Measurement, SceneFacts, WarmUpRow, WorkCounters};
 use super::noise::{outliers, trend};
 use super::validity::Verdict;
-use super::{Configuration, Rounds, Study};
+use super::{Configuration, Design, Rounds, Study};
 use crate::clocks::ClockState;
-use crate::film::Image;
+use crate::image::Image;
+use crate::settings::Role;
 use crate::stats::{CONFIDENCE, Estimate, FEWEST_ROUNDS, TOO_FEW_ROUNDS, median};
 
 /// p-value of a trend below which the timings drift.
@@ -330,6 +331,56 @@ impl SceneReport {
     }
 }
 
+/// The crossovers of a scene: for each workload that has several levels, the baseline against each
+/// other combination.
+fn crossovers(scene: &SceneReport, design: &Design, clock: Clock) -> Vec<Crossover> {
+    let swept = design.factors().iter().filter(|f| f.setting.role == Role::Workload && f.levels.len() > 1);
+    swept.flat_map(|factor| sweeps(scene, design, factor.setting.flag, clock)).collect()
+}
+
+fn sweeps(scene: &SceneReport, design: &Design, factor: &'static str, clock: Clock) -> Vec<Crossover> {
+    let mut lowest: Vec<&Configuration> = Vec::new();
+    for configuration in scene.combinations.iter().map(|combination| &combination.configuration) {
+        if !lowest.iter().any(|known| known.without(factor) == configuration.without(factor)) {
+            lowest.push(configuration);
+        }
+    }
+    let sweep = |configuration: &Configuration| {
+        let base = design.baseline_of(configuration).without(factor);
+        let other = configuration.without(factor);
+        if base == other {
+            return None;
+        }
+        let mut points: Vec<_> = (0..scene.combinations.len())
+            .filter(|&i| scene.combinations[i].configuration.without(factor) == other)
+            .filter_map(|i| {
+                let (b, a) = (&scene.combinations[i], scene.baseline_of(i));
+                let point = CrossoverPoint {
+                    cost: b.configuration.count(factor)? as f64,
+                    a_seconds: a.seconds?,
+                    b_seconds: b.seconds?,
+                };
+                let differences = in_rounds(&a.runs, &b.runs, clock).map(|(a, b)| a - b).collect();
+                Some((point, differences))
+            })
+            .collect();
+        if points.len() < 2 {
+            return None;
+        }
+        points.sort_by(|x, y| x.0.cost.total_cmp(&y.0.cost));
+        let (points, differences): (Vec<CrossoverPoint>, Vec<Vec<f64>>) = points.into_iter().unzip();
+        let costs: Vec<f64> = points.iter().map(|point| point.cost).collect();
+        Some(Crossover {
+            factor,
+            a: design.label_without(&design.baseline_of(configuration), factor),
+            b: design.label_without(configuration, factor),
+            points,
+            crossings: find_crossings(&costs, &differences),
+        })
+    };
+    lowest.into_iter().filter_map(sweep).collect()
+}
+
 impl CombinationReport {
     fn analyse(&mut self, study: &Study) {
         (self.seconds, self.typical, self.rounds_needed) = (None, None, None);
@@ -470,7 +521,7 @@ impl Ratio {
 }
 
 /// The times of two combinations in each round that both were rendered in.
-pub(super) fn in_rounds(runs: &[Run], others: &[Run], clock: Clock) -> impl Iterator<Item = (f64, f64)> {
+fn in_rounds(runs: &[Run], others: &[Run], clock: Clock) -> impl Iterator<Item = (f64, f64)> {
     let other = |run: &Run| others.iter().find(|other| other.round == run.round);
     runs.iter().filter_map(move |run| Some((run.seconds(clock), other(run)?.seconds(clock))))
 }

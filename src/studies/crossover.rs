@@ -2,9 +2,6 @@
 
 use serde::Serialize;
 
-use super::analysis::{Clock, SceneReport, in_rounds};
-use super::{Configuration, Design};
-use crate::settings::Role;
 use crate::stats::{Estimate, Interval};
 
 /// Two combinations over a swept cost.
@@ -101,54 +98,4 @@ fn crossing_between(costs: &[f64], medians: &[Estimate], before: usize, after: u
 /// Where the line through two points is 0.
 fn root((x, y): (f64, f64), (next_x, next_y): (f64, f64)) -> f64 {
     x + y / (y - next_y) * (next_x - x)
-}
-
-/// The crossovers of a scene: for each workload that has several levels, the baseline against each
-/// other combination.
-pub(super) fn crossovers(scene: &SceneReport, design: &Design, clock: Clock) -> Vec<Crossover> {
-    let swept = design.factors().iter().filter(|f| f.setting.role == Role::Workload && f.levels.len() > 1);
-    swept.flat_map(|factor| sweeps(scene, design, factor.setting.flag, clock)).collect()
-}
-
-fn sweeps(scene: &SceneReport, design: &Design, factor: &'static str, clock: Clock) -> Vec<Crossover> {
-    let mut lowest: Vec<&Configuration> = Vec::new();
-    for configuration in scene.combinations.iter().map(|combination| &combination.configuration) {
-        if !lowest.iter().any(|known| known.without(factor) == configuration.without(factor)) {
-            lowest.push(configuration);
-        }
-    }
-    let sweep = |configuration: &Configuration| {
-        let base = design.baseline_of(configuration).without(factor);
-        let other = configuration.without(factor);
-        if base == other {
-            return None;
-        }
-        let mut points: Vec<_> = (0..scene.combinations.len())
-            .filter(|&i| scene.combinations[i].configuration.without(factor) == other)
-            .filter_map(|i| {
-                let (b, a) = (&scene.combinations[i], scene.baseline_of(i));
-                let point = CrossoverPoint {
-                    cost: b.configuration.count(factor)? as f64,
-                    a_seconds: a.seconds?,
-                    b_seconds: b.seconds?,
-                };
-                let differences = in_rounds(&a.runs, &b.runs, clock).map(|(a, b)| a - b).collect();
-                Some((point, differences))
-            })
-            .collect();
-        if points.len() < 2 {
-            return None;
-        }
-        points.sort_by(|x, y| x.0.cost.total_cmp(&y.0.cost));
-        let (points, differences): (Vec<CrossoverPoint>, Vec<Vec<f64>>) = points.into_iter().unzip();
-        let costs: Vec<f64> = points.iter().map(|point| point.cost).collect();
-        Some(Crossover {
-            factor,
-            a: design.label_without(&design.baseline_of(configuration), factor),
-            b: design.label_without(configuration, factor),
-            points,
-            crossings: find_crossings(&costs, &differences),
-        })
-    };
-    lowest.into_iter().filter_map(sweep).collect()
 }

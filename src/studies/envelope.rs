@@ -12,14 +12,14 @@ pub struct Envelope {
     /// How much of it was done: `quick`, `standard` or `thorough`.
     pub level: String,
     /// What was driven to its limits.
-    pub rows: Vec<Row>,
+    pub limits: Vec<Limit>,
     /// False where the study was broken off.
     pub complete: bool,
 }
 
 /// One thing that was driven to its limits.
 #[derive(Debug, Clone, Serialize)]
-pub struct Row {
+pub struct Limit {
     /// Short name.
     pub name: &'static str,
     /// What was driven.
@@ -34,7 +34,7 @@ pub struct Row {
     pub reduced: &'static str,
     /// From the tame to the extreme.
     pub trials: Vec<Trial>,
-    /// Time that the row took.
+    /// Time that its trials took.
     pub seconds: f64,
 }
 
@@ -60,13 +60,13 @@ pub struct Trial {
 impl Trial {
     /// Whether the answer was right.
     pub fn holds(&self, allowed: f64) -> bool {
-        // A number that is none is never at most another.
+        // A NaN is never at most anything.
         let within = self.measured <= allowed + CHANCE * self.standard_error;
         within && self.nonfinite_samples == 0 && self.failure.is_empty()
     }
 }
 
-impl Row {
+impl Limit {
     /// Whether all holds that is promised.
     pub fn holds(&self) -> bool {
         self.trials.iter().all(|trial| !trial.required || trial.holds(self.allowed))
@@ -96,12 +96,12 @@ impl Row {
 impl Envelope {
     /// Whether all holds that is promised.
     pub fn holds(&self) -> bool {
-        self.rows.iter().all(Row::holds)
+        self.limits.iter().all(Limit::holds)
     }
 
     /// Samples that were NaN or infinite, over all trials.
     pub fn nonfinite_samples(&self) -> u64 {
-        self.rows.iter().flat_map(|row| &row.trials).map(|trial| trial.nonfinite_samples).sum()
+        self.limits.iter().flat_map(|limit| &limit.trials).map(|trial| trial.nonfinite_samples).sum()
     }
 }
 
@@ -121,8 +121,8 @@ mod tests {
         }
     }
 
-    fn row(trials: Vec<Trial>) -> Row {
-        Row { name: "r", driven: "", measure: "", allowed: 0.1, remark: "", reduced: "", trials, seconds: 0.0 }
+    fn row(trials: Vec<Trial>) -> Limit {
+        Limit { name: "r", driven: "", measure: "", allowed: 0.1, remark: "", reduced: "", trials, seconds: 0.0 }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use super::Configuration;
 use crate::clocks::ClockState;
-use crate::film::Image;
+use crate::image::Image;
 use crate::settings::Settings;
 use crate::stats::mean;
 

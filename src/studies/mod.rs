@@ -18,7 +18,7 @@ mod validity;
 
 pub use analysis::{Clock, CombinationReport, Drift, Ratio, RatioVerdict, Report, Run, SceneReport, Warning};
 pub use crossover::{Crossing, CrossingDirection, Crossover, CrossoverPoint, find_crossings};
-pub use envelope::{Envelope, Row, Trial};
+pub use envelope::{Envelope, Limit, Trial};
 pub use error::StudyError;
 pub use factorial::{Configuration, Design, Factor};
 pub use measurement::{

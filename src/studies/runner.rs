@@ -10,7 +10,7 @@ use super::measurement::{Measurement, Purpose, Renderer};
 use super::noise::shuffle;
 use super::validity::{Verdict, judge};
 use super::{Configuration, Design, StudyError};
-use crate::film::Image;
+use crate::image::Image;
 use crate::stats::SplitMix64;
 
 /// The share of rounds, as 1 in so many, that may pass before they are analysed anew: the device waits for that.

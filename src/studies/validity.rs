@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::film::Image;
+use crate::image::Image;
 use crate::stats::{Differences, ImageComparison, compare_images, sidak_adjusted};
 
 /// Probability with which a right picture is called wrong where the contract is statistical.

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use glam::{DQuat, DVec3, dvec3};
-use raywave::film::{Image, WriteOptions, write_image};
+use raywave::image::{Image, WriteOptions, write_image};
 use raywave::render::Settings;
 use raywave::scene::Integrator::{Explicit, Implicit, Mis};
 use tempfile::tempdir;

@@ -3,6 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DVec3};
+use raywave::scene::shapes;
 
 use super::probe::Uniform;
 
@@ -10,16 +11,7 @@ pub type Mesh = Vec<[DVec3; 3]>;
 
 /// A box with its faces outwards.
 pub fn cuboid(low: DVec3, high: DVec3) -> Mesh {
-    let corner = |i: usize| {
-        let pick = |bit: usize, low: f64, high: f64| if i >> bit & 1 == 0 { low } else { high };
-        DVec3::new(pick(0, low.x, high.x), pick(1, low.y, high.y), pick(2, low.z, high.z))
-    };
-    let faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
-    faces
-        .iter()
-        .flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]])
-        .map(|face: [usize; 3]| face.map(corner))
-        .collect()
+    shapes::cuboid(low, high).iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect()
 }
 
 /// A unit ball of meridians and parallels, faces outwards; slivers at its poles.

@@ -6,7 +6,7 @@ use std::error::Error;
 
 use glam::Vec3;
 use raywave::clocks::{ClockState, Clocks};
-use raywave::film::Image;
+use raywave::image::Image;
 use raywave::stats::{SplitMix64, normal_quantile};
 use raywave::studies::{
     BounceRow, Clock, CompiledKernelRow, Configuration, Design, ExecutableRow, Factor, FigureRow, KernelRow,

@@ -51,7 +51,7 @@ tabs.forEach((tab, i) => {
 if (tabs.length) choose(tabs[0]);
 
 // Images: a range input over the pair moves the divider, by pointer, touch and keyboard alike.
-const uris = JSON.parse(document.getElementById("pictures").textContent);
+const uris = JSON.parse(document.getElementById("image-uris").textContent);
 for (const figure of document.querySelectorAll("figure.images")) {
   const find = (selector) => figure.querySelector(selector);
   const stage = find(".stage");

@@ -1,48 +1,34 @@
 //! The page of a sweep: error against time, what knobs are worth, and the images along the front.
 
-use serde_json::json;
-
+use super::images::{PageImages, image_figure};
+use super::page::{Frame, Page, legend};
 use super::svg::{Anchor, Axis, Spacing, Svg, escape};
 use super::table::{Cell, table};
-use super::{HEAD, Page, SCRIPT, STYLE, Store, image_figure, legend};
-use crate::export::TradeoffDocument;
-use crate::export::numbers::{Unit, bounds, power_of_ten, seconds};
-use crate::export::tradeoff::{findings, knob_label, reference_text, small, small_interval};
+use crate::export::numbers::{Unit, bounds, power_of_ten, seconds, small, small_interval};
+use crate::export::plain;
+use crate::export::tradeoff::{findings, knob_label, reference_text};
 use crate::stats::{Estimate, Interval, compare_images};
-use crate::studies::tradeoff::{Decomposition, PointReport, Stage, TradeoffReport, Worth};
+use crate::studies::Provenance;
+use crate::studies::tradeoff::{Decomposition, KnobReport, PointReport, Stage, TradeoffReport, Worth};
 
 const WIDTH: f64 = 960.0;
 
-impl Page {
-    /// The page of a sweep.
-    pub fn tradeoff(&mut self, document: &TradeoffDocument<'_>) -> String {
-        let TradeoffDocument { provenance, report } = document;
-        let mut store = Store { pictures: &mut self.pictures, uris: Vec::new() };
-        let images = images(report, &mut store);
-        let uris = json!(store.uris).to_string().replace("</", "<\\/");
-        let title = escape(&report.facts.scene);
-        let place: Vec<String> =
-            [&provenance.device, &provenance.driver, &provenance.date].map(|text| escape(text)).to_vec();
-        let unfinished = if report.complete {
-            ""
-        } else {
-            "<p class=\"unfinished\" role=\"status\">This sweep was not finished. The page shows what it had so far.</p>\n"
-        };
-        let findings: String = findings(report).iter().map(|text| format!("<li>{}</li>\n", escape(text))).collect();
-        format!(
-            "{HEAD}<title>raywave tradeoff: {title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
-             <header>\n<div class=\"bar\"><p class=\"eyebrow\">raywave tradeoff</p>\
-             <button type=\"button\" id=\"theme\" aria-label=\"Switch between light and dark\">◐</button></div>\n\
-             <h1>{title}</h1>\n<p class=\"place\">{place}</p>\n{unfinished}<ul class=\"findings\">\n{findings}</ul>\n</header>\n\
-             <main>\n{curve}{knobs}{images}{points}{provenance}</main>\n\
-             <script type=\"application/json\" id=\"pictures\">{uris}</script>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n",
-            place = place.join("<span> · </span>"),
-            curve = curve_section(report),
-            knobs = knobs(report),
-            points = points(report),
-            provenance = provenance_section(document),
-        )
-    }
+/// The page of a sweep.
+pub fn page(report: &TradeoffReport, provenance: &Provenance, page: &mut Page) -> String {
+    let mut page_images = page.images();
+    let images = images(report, &mut page_images);
+    let title = escape(&report.facts.scene);
+    let frame = Frame {
+        command: "tradeoff",
+        title: &title,
+        heading: &title,
+        unfinished: (!report.complete).then_some("This sweep was not finished. The page shows what it had so far."),
+        findings: findings(report).iter().map(|text| escape(text)).collect(),
+        style: "",
+        main: [curve_section(report), knobs(report), images, points(report)].concat(),
+        provenance: entries(report),
+    };
+    frame.html(provenance, page_images.into_uris())
 }
 
 fn class(point: &PointReport) -> &'static str {
@@ -158,7 +144,7 @@ fn knobs(report: &TradeoffReport) -> String {
         ("pays above", "relMSE"),
     ]
     .map(|(name, unit)| (name.to_owned(), unit));
-    let row = |knob: &crate::studies::tradeoff::KnobReport| {
+    let row = |knob: &KnobReport| {
         let ratio_bounds = |e: &Estimate| Some(bounds(e, |v| format!("{v:.3}")));
         let small_bounds = |e: &Estimate| Some(bounds(e, small));
         let class = if knob.worth == Worth::Never { "failed" } else { "" };
@@ -239,7 +225,7 @@ fn points(report: &TradeoffReport) -> String {
 }
 
 /// The reference, and beside it each image of the front.
-fn images(report: &TradeoffReport, store: &mut Store<'_>) -> String {
+fn images(report: &TradeoffReport, page: &mut PageImages<'_>) -> String {
     let Some(reference) = report.reference_image() else { return String::new() };
     let mut options = String::new();
     for point in report.front.iter().map(|i| &report.points[*i]) {
@@ -247,8 +233,8 @@ fn images(report: &TradeoffReport, store: &mut Store<'_>) -> String {
         if compare_images(image, reference).is_err() {
             continue;
         }
-        let (left, right) = (store.add_image(reference), store.add_image(image));
-        let (heat, low, high) = store.add_difference(image, reference);
+        let (left, right) = (page.add_image(reference), page.add_image(image));
+        let (heat, low, high) = page.add_difference(image, reference);
         let error =
             point.rel_mse.map_or_else(String::new, |error| format!(", relMSE {}", small_interval(&error.total)));
         let note = format!(
@@ -274,8 +260,8 @@ fn images(report: &TradeoffReport, store: &mut Store<'_>) -> String {
     }
 }
 
-fn provenance_section(document: &TradeoffDocument<'_>) -> String {
-    let TradeoffDocument { provenance, report } = document;
+/// What is to be known of the sweep beside its provenance.
+fn entries(report: &TradeoffReport) -> Vec<(String, String)> {
     let facts = &report.facts;
     let method = format!(
         "Every point is rendered once a round, in a random order (order seed {}), by the random numbers of the round's \
@@ -287,26 +273,13 @@ fn provenance_section(document: &TradeoffDocument<'_>) -> String {
         report.bootstrap_resamples
     );
     let mut entries = vec![
-        ("command".to_owned(), provenance.command_line.clone()),
-        ("date".to_owned(), provenance.date.clone()),
-        ("raywave".to_owned(), provenance.raywave_version.clone()),
-        ("built by".to_owned(), provenance.rustc_version.clone()),
-        ("device".to_owned(), format!("{} ({})", provenance.device, provenance.device_kind)),
-        ("driver".to_owned(), provenance.driver.clone()),
-        ("processor".to_owned(), provenance.cpu.as_ref().map_or_else(String::new, ToString::to_string)),
-        ("clocks".to_owned(), provenance.clocks.clone().unwrap_or_else(|| "not told".to_owned())),
         ("image".to_owned(), format!("{} × {} pixels", facts.width_pixels, facts.height_pixels)),
         ("reference".to_owned(), reference_text(report)),
         ("method".to_owned(), method),
         ("scene hash".to_owned(), facts.scene_hash.clone()),
     ];
-    entries.extend(report.base_settings.iter().map(|(key, value)| (key.clone(), crate::export::plain(value))));
-    let entry = |(name, text): (String, String)| {
-        let text = if name == "command" { format!("<code>{}</code>", escape(&text)) } else { escape(&text) };
-        format!("<dt>{}</dt><dd>{text}</dd>\n", escape(&name))
-    };
-    let entries: String = entries.into_iter().filter(|(_, text)| !text.is_empty()).map(entry).collect();
-    format!("<section id=\"provenance\"><h2>Provenance</h2>\n<dl>\n{entries}</dl></section>\n")
+    entries.extend(report.base_settings.iter().map(|(key, value)| (key.clone(), plain(value))));
+    entries
 }
 
 #[cfg(test)]

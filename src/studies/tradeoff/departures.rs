@@ -14,7 +14,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::film::Image;
+use crate::image::Image;
 use crate::stats::{Bootstrap, DARK, Estimate, Interval};
 
 /// Two-sided quantile of a normal number for 95 %.

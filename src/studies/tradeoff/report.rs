@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::departures::{Decomposition, Departure, Products, Reference, ReferenceNoise, by_renders, products, widened};
 use super::knobs::{flags, label};
-use crate::film::Image;
+use crate::image::Image;
 use crate::settings::Settings;
 use crate::stats::{Bootstrap, Estimate, TOO_FEW_ROUNDS, median};
 use crate::studies::{Configuration, Measurement, SceneFacts};

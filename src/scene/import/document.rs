@@ -1,7 +1,7 @@
-//! The scene file: TOML to checked settings, file names and overrides. Reads no other file.
+//! The scene file: TOML that names meshes, places them, and gives camera, light and settings.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, HashMap},
     ops::Range,
     path::{Path, PathBuf},
 };
@@ -11,48 +11,82 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::{
-    Camera, Integrator, RenderDefaults, Sampler,
-    error::{Place, SceneError},
-    material::{ImageName, MaterialKeys, NUMERIC_KEYS, portable},
-    place::{FARTHEST, Transform},
-    text::{name, one_line},
+    Environment, FARTHEST, ImageFile, Import, Instance,
+    mtl::{Definition, portable},
+    obj,
 };
+use crate::scene::{
+    Camera, Integrator, RenderDefaults, Sampler,
+    error::{Location, SceneError},
+    sources::Sources,
+    text::{excerpt, name, one_line},
+    transform::Transform,
+};
+
+/// Imports a scene file with the meshes that it names.
+pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, SceneError> {
+    let bytes = sources.read(path, &Location::file(path))?;
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = 1 + valid.iter().filter(|&&byte| byte == b'\n').count();
+        Location::line(path, line).refuse("not UTF-8 text; save the file as UTF-8")
+    })?;
+    let Document { camera, resolution, defaults, meshes, overrides, environment } = read(path, &text)?;
+    let mut import =
+        Import { camera: Some(camera), resolution: Some(resolution), defaults, environment, ..Import::default() };
+    let mut importer = obj::Importer::default();
+    // Each file is read once however often it is placed.
+    let mut known: HashMap<PathBuf, usize> = HashMap::new();
+    for MeshEntry { path, location, transform } in meshes {
+        let mesh = match known.get(&path) {
+            Some(&mesh) => mesh,
+            None => importer.add(&path, &location, sources, &mut import)?,
+        };
+        known.insert(path, mesh);
+        import.instances.push(Instance { mesh, transform });
+    }
+    for Override { name, location, definition } in overrides {
+        let mut is_used = false;
+        let mut materials = std::mem::take(&mut import.materials);
+        for material in materials.iter_mut().filter(|material| material.name == name) {
+            definition.apply(material, &mut import);
+            is_used = true;
+        }
+        import.materials = materials;
+        if !is_used {
+            let name = excerpt(&one_line(&name));
+            sources.warn(format!("{location}: no mesh uses material `{name}`; the table has no effect"));
+        }
+    }
+    Ok(import)
+}
 
 /// A checked scene file.
 #[derive(Debug)]
-pub(super) struct Document {
-    pub camera: Camera,
-    pub width: u32,
-    pub height: u32,
-    pub defaults: RenderDefaults,
-    pub meshes: Vec<MeshEntry>,
-    pub overrides: Vec<Override>,
-    pub light: Light,
+struct Document {
+    camera: Camera,
+    resolution: [u32; 2],
+    defaults: RenderDefaults,
+    meshes: Vec<MeshEntry>,
+    overrides: Vec<Override>,
+    environment: Environment,
 }
 
 /// One `[[mesh]]`.
 #[derive(Debug)]
-pub(super) struct MeshEntry {
-    pub path: PathBuf,
+struct MeshEntry {
+    path: PathBuf,
     /// The line that names the file.
-    pub place: Place,
-    pub transform: Transform,
+    location: Location,
+    transform: Transform,
 }
 
 /// One `[material.NAME]`.
 #[derive(Debug)]
-pub(super) struct Override {
-    pub name: String,
-    pub place: Place,
-    pub keys: MaterialKeys,
-}
-
-/// `[environment]`.
-#[derive(Debug)]
-pub(super) enum Light {
-    None,
-    Constant(Vec3),
-    Image { image: ImageName, scale: f32 },
+struct Override {
+    name: String,
+    location: Location,
+    definition: Definition,
 }
 
 #[derive(Deserialize)]
@@ -146,7 +180,7 @@ impl Numbers {
 }
 
 /// Reads a scene file's text. Errors name the offending line.
-pub(super) fn read(path: &Path, text: &str) -> Result<Document, SceneError> {
+fn read(path: &Path, text: &str) -> Result<Document, SceneError> {
     let reader = Reader { path, text };
     let raw: RawScene = toml::from_str(text).map_err(|error| {
         let problem = format!("{}; see the scene format", one_line(error.message()));
@@ -169,14 +203,13 @@ pub(super) fn read(path: &Path, text: &str) -> Result<Document, SceneError> {
     }
     Ok(Document {
         camera,
-        width: reader.pixels("width", &raw.film.width)?,
-        height: reader.pixels("height", &raw.film.height)?,
+        resolution: [reader.pixels("width", &raw.film.width)?, reader.pixels("height", &raw.film.height)?],
         defaults: reader.defaults(&raw.render)?,
         meshes: raw.mesh.iter().map(|mesh| reader.mesh(mesh)).collect::<Result<_, _>>()?,
         overrides: raw.material.iter().map(|(name, keys)| reader.material(name, keys)).collect::<Result<_, _>>()?,
-        light: match &raw.environment {
-            Some(environment) => reader.light(environment)?,
-            None => Light::None,
+        environment: match &raw.environment {
+            Some(environment) => reader.environment(environment)?,
+            None => Environment::Black,
         },
     })
 }
@@ -188,18 +221,18 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn place(&self, span: &Range<usize>) -> Place {
+    fn location(&self, span: &Range<usize>) -> Location {
         let before = &self.text.as_bytes()[..span.start.min(self.text.len())];
         let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
-        Place::line(self.path, line)
+        Location::line(self.path, line)
     }
 
     fn refuse(&self, span: &Range<usize>, problem: String) -> SceneError {
-        SceneError::Toml { place: self.place(span), problem }
+        self.location(span).refuse(problem)
     }
 
     fn refuse_file(&self, problem: String) -> SceneError {
-        SceneError::Toml { place: Place::file(self.path), problem }
+        Location::file(self.path).refuse(problem)
     }
 
     /// A path beside the scene file.
@@ -345,54 +378,60 @@ impl Reader<'_> {
         };
         Ok(MeshEntry {
             path: self.beside(raw.file.get_ref()),
-            place: self.place(&raw.file.span()),
+            location: self.location(&raw.file.span()),
             transform: Transform::new(scale, vector("rotate", &raw.rotate)?, vector("translate", &raw.translate)?),
         })
     }
 
-    fn material(&self, material: &Spanned<String>, raw: &RawMaterial) -> Result<Override, SceneError> {
-        let mut keys = MaterialKeys::at(self.place(&material.span()));
-        let numbers = [&raw.Kd, &raw.Ks, &raw.Ke, &raw.Tf, &raw.Ns, &raw.Ni, &raw.illum];
-        for (key, value) in NUMERIC_KEYS.into_iter().zip(numbers) {
-            let Some(value) = value else { continue };
-            let warning =
-                keys.set(key, value.get_ref().as_slice()).map_err(|problem| self.refuse(&value.span(), problem))?;
-            if let Some(warning) = warning {
-                let place = self.place(&value.span());
-                keys.warnings.push(format!("{place}: {warning}"));
-            }
-        }
-        // An empty name takes the image of the MTL file away.
-        keys.map_kd = raw.map_Kd.as_ref().map(|file| {
-            (!file.get_ref().is_empty())
-                .then(|| ImageName { path: self.beside(file.get_ref()), place: self.place(&file.span()) })
-        });
-        Ok(Override { name: name(material.get_ref()), place: self.place(&material.span()), keys })
+    /// A file that is named at `file`, beside the scene file.
+    fn image(&self, file: &Spanned<String>) -> ImageFile {
+        ImageFile { path: self.beside(file.get_ref()), location: self.location(&file.span()) }
     }
 
-    fn light(&self, table: &Spanned<RawEnvironment>) -> Result<Light, SceneError> {
+    fn material(&self, material: &Spanned<String>, raw: &RawMaterial) -> Result<Override, SceneError> {
+        let location = self.location(&material.span());
+        let mut definition = Definition::at(location.clone());
+        let numeric = [
+            ("Kd", &raw.Kd),
+            ("Ks", &raw.Ks),
+            ("Ke", &raw.Ke),
+            ("Tf", &raw.Tf),
+            ("Ns", &raw.Ns),
+            ("Ni", &raw.Ni),
+            ("illum", &raw.illum),
+        ];
+        for (key, value) in numeric {
+            let Some(value) = value else { continue };
+            let location = self.location(&value.span());
+            definition.set(key, value.get_ref().as_slice(), &location).map_err(|problem| location.refuse(problem))?;
+        }
+        if let Some(file) = &raw.map_Kd {
+            // An empty name takes the image of the MTL file away.
+            definition.set_diffuse_image((!file.get_ref().is_empty()).then(|| self.image(file)));
+        }
+        Ok(Override { name: name(material.get_ref()), location, definition })
+    }
+
+    fn environment(&self, table: &Spanned<RawEnvironment>) -> Result<Environment, SceneError> {
         let raw = table.get_ref();
         match (&raw.radiance, &raw.file) {
             (Some(radiance), None) => {
                 if let Some(scale) = &raw.scale {
-                    let problem = "scale goes with file alone; multiply radiance instead";
+                    let problem = "scale goes with file only; multiply radiance instead";
                     return Err(self.refuse(&scale.span(), problem.into()));
                 }
                 let value = Vec3::from(radiance.get_ref().map(|x| x as f32));
                 let problem = "radiance is negative or not finite; give numbers of 0 or more";
                 let in_range = value.is_finite() && value.min_element() >= 0.0;
                 self.require(in_range, radiance.span(), problem)?;
-                Ok(Light::Constant(value))
+                Ok(Environment::Constant(value))
             }
             (None, Some(file)) => {
                 let scale = raw.scale.as_ref().map_or(1.0, |scale| *scale.get_ref() as f32);
                 let span = raw.scale.as_ref().map_or(0..0, Spanned::span);
                 let problem = "scale is negative or not finite; give a number of 0 or more";
                 self.require(scale.is_finite() && scale >= 0.0, span, problem)?;
-                Ok(Light::Image {
-                    image: ImageName { path: self.beside(file.get_ref()), place: self.place(&file.span()) },
-                    scale,
-                })
+                Ok(Environment::LatLong { image: self.image(file), scale })
             }
             (Some(_), Some(file)) => {
                 let problem = "file and radiance exclude each other; remove one";

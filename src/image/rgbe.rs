@@ -4,12 +4,11 @@
 //! mantissas, which darkens an image by half a step on average; a measuring instrument rounds.
 
 use std::io::{self, Write};
-use std::path::Path;
 
+use ::image::{DynamicImage, ImageDecoder, codecs::hdr::HdrDecoder};
 use glam::Vec3;
-use image::{DynamicImage, ImageDecoder, codecs::hdr::HdrDecoder};
 
-use super::{FilmError, Image, files::check_size};
+use super::{Image, ImageProblem, format::Format, limits::check_size};
 
 /// Largest exponent byte. The stored value is mantissa * 2^(exponent - 136).
 const MAX_EXPONENT: i32 = 255;
@@ -48,15 +47,15 @@ fn mantissa(light: f64, exponent: i32) -> f64 {
 }
 
 /// Reads a Radiance file, flat or run-length coded, and divides its `EXPOSURE` out.
-pub fn decode(path: &Path, bytes: &[u8]) -> Result<Image, FilmError> {
-    let damaged = |cause: String| FilmError::decode(path, "Radiance HDR", cause);
+pub fn decode(bytes: &[u8]) -> Result<Image, ImageProblem> {
+    let damaged = |cause: String| ImageProblem::decode(Format::Hdr, cause);
     if !bytes.starts_with(b"#?") {
         return Err(damaged("it does not begin with #?RADIANCE".into()));
     }
     // Not strict, because the signature may be `#?RGBE` too.
     let decoder = HdrDecoder::new_nonstrict(bytes).map_err(|error| damaged(error.to_string()))?;
     let (width, height) = decoder.dimensions();
-    check_size(path, width.into(), height.into())?;
+    check_size(width.into(), height.into())?;
     let exposure = decoder.metadata().exposure.unwrap_or(1.0);
     let pixels = DynamicImage::from_decoder(decoder)
         .map_err(|error| damaged(error.to_string()))?

@@ -10,7 +10,6 @@
 //! [file layout]: https://openexr.com/en/latest/OpenEXRFileLayout.html
 
 use std::io::{self, BufRead, BufReader, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
-use std::path::Path;
 
 use exr::{
     image::{
@@ -27,9 +26,10 @@ use exr::{
 };
 use glam::Vec3;
 
-use super::{FilmError, Image, files::check_size};
+use super::{Image, ImageProblem, format::Format, limits::check_size};
 
-const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+/// The first bytes of every EXR file.
+pub(super) const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 /// Bytes before the first attribute: magic and version.
 const PREAMBLE: usize = 8;
 /// Longest name that the format admits.
@@ -171,12 +171,12 @@ fn read_name(reader: &mut impl BufRead) -> io::Result<String> {
 /// Reads colour from the first part that has any; `f16`, `f32` and `u32` channels, any lossless or
 /// lossy compression, scanlines or tiles. The data window becomes the image. Alpha and all other
 /// channels are left aside.
-pub fn decode(path: &Path, bytes: &[u8]) -> Result<Image, FilmError> {
-    let damaged = |error: exr::error::Error| FilmError::decode(path, "EXR", error);
+pub fn decode(bytes: &[u8]) -> Result<Image, ImageProblem> {
+    let damaged = |error: exr::error::Error| ImageProblem::decode(Format::Exr, error);
     // The header first: it is small, and says whether the rest fits into memory.
     let meta = MetaData::read_from_buffered(bytes, false).map_err(damaged)?;
     for header in &meta.headers {
-        check_size(path, header.layer_size.width() as u64, header.layer_size.height() as u64)?;
+        check_size(header.layer_size.width() as u64, header.layer_size.height() as u64)?;
     }
     let file = read::read()
         .no_deep_data()
@@ -199,7 +199,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Image, FilmError> {
         let channels = layer.channel_data.list.iter();
         channels.map(|channel| channel.name.to_string())
     });
-    Err(FilmError::NoColour { path: path.to_path_buf(), channels: names.collect::<Vec<_>>().join(", ") })
+    Err(ImageProblem::NoColour { channels: names.collect::<Vec<_>>().join(", ") })
 }
 
 /// The channels that hold red, green and blue: `R`, `G`, `B`; else luminance `Y` for all three;

@@ -1,20 +1,24 @@
-//! Host-side images: from the sums that a renderer hands over to files on disk and back.
+//! Images: linear radiance in memory, and the files that hold it.
 //!
-//! This room owns [`Image`], the film's [`FilmMoments`] and the file formats EXR, PNG and Radiance
-//! HDR. It knows nothing of scenes or of the GPU, and it never prints.
+//! This room owns [`Image`] and the file formats: EXR, Radiance HDR and PNG are read and written,
+//! JPEG, TGA and BMP are read. Skies and textures of scenes, renders and references all come
+//! through it, so that a file means the same wherever it is read. It knows nothing of scenes or of
+//! the GPU, and it never prints.
 
+mod codes;
 mod error;
 mod exr;
 mod files;
-mod moments;
+mod format;
+mod limits;
 mod rgbe;
 pub mod srgb;
 
 use glam::Vec3;
 
-pub use error::FilmError;
-pub use files::{MAX_PIXELS, WriteOptions, check_output, image_bytes, read_image, read_metadata, write_image};
-pub use moments::{FilmMoments, ImageMean, MeanSum};
+pub use error::{ImageError, ImageProblem};
+pub use files::{WriteOptions, check_output, decode_image, image_bytes, read_image, read_metadata, write_image};
+pub use limits::MAX_PIXELS;
 
 /// An image of linear radiance, Rec. 709 primaries.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,7 +28,7 @@ pub struct Image {
     /// Height in pixels.
     pub height: u32,
     /// Radiance, `width * height` entries in rows, row 0 at the top. Any `f32` may stand here, NaN
-    /// and infinity too: hiding them is not the film's business.
+    /// and infinity too: an image shows them to whoever looks, and hides none.
     pub pixels: Vec<Vec3>,
 }
 
@@ -41,6 +45,11 @@ impl Image {
             "a {width} x {height} image needs one entry for each pixel",
         );
         Self { width, height, pixels }
+    }
+
+    /// The largest value in each channel; 0 where there is none above it.
+    pub fn brightest(&self) -> Vec3 {
+        self.pixels.iter().copied().fold(Vec3::ZERO, Vec3::max)
     }
 
     /// A BLAKE3 hash of the pixels' bits, as 64 hexadecimal digits: the same of images that are the same to the last

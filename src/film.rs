@@ -1,8 +1,11 @@
-//! What the renderer knows of each pixel: how many samples, their sum, the sum of their squares.
+//! The film: how many samples each pixel has, their sum and the sum of their squares, and what
+//! follows from these: the image and its variance.
+//!
+//! It knows nothing of scenes, of the GPU or of files.
 
 use glam::{DVec3, Vec3};
 
-use super::Image;
+use crate::image::Image;
 
 /// Raw moments of the radiance samples of every pixel, taken to be independent between samples
 /// and between pixels.
@@ -98,7 +101,7 @@ impl FilmMoments {
         let mean = self.pixel_mean(pixel);
         let variance = (self.sum_of_squares[pixel] / n - mean * mean) / (n - 1.0);
         // Cancellation may leave a hair below zero where all samples agree. Not `max`, which would
-        // turn the NaN of a spoilt pixel into a confident 0.
+        // turn the NaN of a pixel with a non-finite sample into a confident 0.
         variance.map(|v| if v < 0.0 { 0.0 } else { v })
     }
 

@@ -1,0 +1,71 @@
+//! Which format a file is in: by its name, or by its first bytes.
+
+use std::ffi::OsStr;
+use std::path::Path;
+
+use super::{ImageProblem, exr};
+
+/// The format of an image file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Format {
+    Exr,
+    Hdr,
+    Png,
+    Jpeg,
+    Tga,
+    Bmp,
+}
+
+impl Format {
+    /// The formats and the extensions of their names, those that are written first.
+    const EXTENSIONS: [(&str, Self); 7] = [
+        ("exr", Self::Exr),
+        ("png", Self::Png),
+        ("hdr", Self::Hdr),
+        ("jpg", Self::Jpeg),
+        ("jpeg", Self::Jpeg),
+        ("tga", Self::Tga),
+        ("bmp", Self::Bmp),
+    ];
+
+    /// The format that the name's extension stands for, in upper or lower case.
+    pub fn of_name(path: &Path) -> Option<Self> {
+        let extension = path.extension().and_then(OsStr::to_str)?.to_ascii_lowercase();
+        Self::EXTENSIONS.into_iter().find(|(name, _)| *name == extension).map(|(_, format)| format)
+    }
+
+    /// The format of a file to be written.
+    pub fn of_output(path: &Path) -> Result<Self, ImageProblem> {
+        let is_written = |format: &Self| matches!(format, Self::Exr | Self::Png | Self::Hdr);
+        Self::of_name(path).filter(is_written).ok_or(ImageProblem::UnknownFormat { extensions: ".exr, .png or .hdr" })
+    }
+
+    /// The format of a file to be read, by its name.
+    pub fn of_input(path: &Path) -> Result<Self, ImageProblem> {
+        Self::of_name(path).ok_or(ImageProblem::UnknownFormat { extensions: ".exr, .png, .hdr, .jpg, .tga or .bmp" })
+    }
+
+    /// The format that a file's first bytes show. A TGA has no such bytes.
+    pub fn of_contents(bytes: &[u8]) -> Option<Self> {
+        let magic: [(&[u8], Self); 5] = [
+            (&exr::MAGIC, Self::Exr),
+            (b"#?", Self::Hdr),
+            (b"\x89PNG\r\n\x1a\n", Self::Png),
+            (b"\xff\xd8\xff", Self::Jpeg),
+            (b"BM", Self::Bmp),
+        ];
+        magic.into_iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, format)| format)
+    }
+
+    /// What the format is called.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exr => "EXR",
+            Self::Hdr => "Radiance HDR",
+            Self::Png => "PNG",
+            Self::Jpeg => "JPEG",
+            Self::Tga => "TGA",
+            Self::Bmp => "BMP",
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! Materials that surfaces show, held to the conservation of energy, and their textures.
+
+use std::{collections::HashMap, mem, path::Path};
+
+use glam::Vec3;
+use half::f16;
+
+use super::decoded;
+use crate::image::Image;
+use crate::scene::{
+    Material, Surface, Texture,
+    error::{Location, SceneError},
+    import::{self, ImageFile},
+    sources::Sources,
+    text::{excerpt, one_line},
+};
+
+/// The materials of a scene in the making: those that triangles use, in order of first use.
+pub(super) struct Materials {
+    described: Vec<import::Material>,
+    images: Vec<ImageFile>,
+    /// Decoded images by their index: reflectance, at most 1.
+    reflectances: HashMap<usize, Image>,
+    /// Of each described material, what was made of it without its image and with it.
+    known: Vec<[Option<u32>; 2]>,
+    made: Vec<Material>,
+    /// The image of each texture and the factor that the energy rule asks for.
+    origins: Vec<(usize, f32)>,
+    textures: Vec<Texture>,
+}
+
+impl Materials {
+    pub fn new(described: Vec<import::Material>, images: Vec<ImageFile>) -> Self {
+        let known = vec![[None; 2]; described.len()];
+        let (reflectances, made, origins, textures) = Default::default();
+        Self { described, images, reflectances, known, made, origins, textures }
+    }
+
+    /// What was made so far.
+    pub fn made(&self) -> &[Material] {
+        &self.made
+    }
+
+    /// All materials, and the textures that they index.
+    pub fn finish(self) -> (Vec<Material>, Vec<Texture>) {
+        (self.made, self.textures)
+    }
+
+    /// The index of a described material among those of the scene. It is made at its first use, by
+    /// a mesh of `user`; where faces have no texture coordinates, without its image.
+    pub fn index(
+        &mut self,
+        described: u32,
+        has_uvs: bool,
+        user: &Location,
+        sources: &mut Sources,
+    ) -> Result<u32, SceneError> {
+        let described = described as usize;
+        let image = self.described[described].visible_image();
+        let shown = image.filter(|_| has_uvs);
+        let kind = usize::from(shown.is_some());
+        if let Some(known) = self.known[described][kind] {
+            return Ok(known);
+        }
+        for warning in mem::take(&mut self.described[described].warnings) {
+            sources.warn(warning);
+        }
+        if image.is_some() && shown.is_none() {
+            let name = excerpt(&one_line(&self.described[described].name));
+            sources.warn(format!("{user}: faces of `{name}` lack texture coordinates; they show Kd, not map_Kd"));
+        }
+        let material = self.made_of(described, shown, user, sources)?;
+        self.made.push(material);
+        let index = self.made.len() as u32 - 1;
+        self.known[described][kind] = Some(index);
+        Ok(index)
+    }
+
+    /// A described material that shows the image `shown`.
+    fn made_of(
+        &mut self,
+        described: usize,
+        shown: Option<usize>,
+        user: &Location,
+        sources: &mut Sources,
+    ) -> Result<Material, SceneError> {
+        if let Some(image) = shown {
+            self.decode(image, sources)?;
+        }
+        let import::Material { name, location, surface, diffuse, specular, emission, .. } = &self.described[described];
+        // The energy rule holds for the largest value that an image has in each channel.
+        let diffuse = shown.map_or(*diffuse, |image| self.reflectances[&image].brightest());
+        let (kd, ks) = match surface {
+            _ if *emission != Vec3::ZERO => (Vec3::ZERO, Vec3::ZERO),
+            Surface::Glossy => (diffuse, *specular),
+            Surface::Mirror => (Vec3::ZERO, *specular),
+            Surface::Refractive | Surface::Dielectric => (Vec3::ZERO, Vec3::ZERO),
+        };
+        let largest = (kd + ks).max_element();
+        let scale = 1.0 / largest.max(1.0);
+        if scale < 0.9999 {
+            sources.warn(format!(
+                "{}: Kd + Ks of `{}` reaches {:.3} in a channel; both are scaled down to 1",
+                location.as_ref().unwrap_or(user),
+                excerpt(&one_line(name)),
+                1.0 / scale
+            ));
+        }
+        let material = &self.described[described];
+        Ok(Material {
+            name: material.name.clone(),
+            surface: material.surface,
+            kd: kd * scale,
+            ks: ks * scale,
+            ns: material.exponent,
+            ni: material.ior,
+            tf: material.transmission,
+            ke: material.emission,
+            map_kd: shown.map(|image| self.texture(image, scale)),
+        })
+    }
+
+    /// The index of the texture of a decoded image times `scale`.
+    fn texture(&mut self, image: usize, scale: f32) -> u32 {
+        let known = self.origins.iter().position(|origin| *origin == (image, scale));
+        let index = known.unwrap_or_else(|| {
+            self.origins.push((image, scale));
+            self.textures.push(Texture::of(&self.images[image].path, &self.reflectances[&image], scale));
+            self.textures.len() - 1
+        });
+        index as u32
+    }
+
+    /// Decodes an image once.
+    fn decode(&mut self, index: usize, sources: &mut Sources) -> Result<(), SceneError> {
+        if self.reflectances.contains_key(&index) {
+            return Ok(());
+        }
+        let file = &self.images[index];
+        let mut image = decoded(file, sources)?;
+        if image.brightest().max_element() > 1.0 {
+            for pixel in &mut image.pixels {
+                *pixel = pixel.min(Vec3::ONE);
+            }
+            sources.warn(format!(
+                "{}: map_Kd is brighter than 1; clamped, as nothing reflects more than it gets",
+                file.location
+            ));
+        }
+        self.reflectances.insert(index, image);
+        Ok(())
+    }
+}
+
+impl Texture {
+    /// A texture of the pixels of `image` times `scale`.
+    fn of(path: &Path, image: &Image, scale: f32) -> Self {
+        let texel = |pixel: &Vec3| {
+            let [r, g, b] = (*pixel * scale).to_array().map(f16::from_f32);
+            [r, g, b, f16::ONE]
+        };
+        let texels = image.pixels.iter().map(texel).collect();
+        Self { path: path.to_path_buf(), width: image.width, height: image.height, texels }
+    }
+}

@@ -1,0 +1,135 @@
+//! Makes the validated [`Scene`] of what an importer found: decodes the images that it shows, holds
+//! its materials to the conservation of energy, and places its meshes in the world.
+
+mod geometry;
+mod materials;
+
+use std::path::Path;
+
+use glam::{DVec3, Vec3};
+
+use self::materials::Materials;
+use super::{
+    Camera, Environment, EnvironmentMap, Material, Mesh, Scene,
+    error::{Location, SceneError},
+    import::{self, ImageFile, Import},
+    sources::Sources,
+    text::one_line,
+};
+use crate::image::{Image, decode_image};
+
+/// Width and height of an image where the file names none.
+const RESOLUTION: [u32; 2] = [512, 512];
+
+/// Makes the scene of the file at `path`, from which `import` was read.
+pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Result<Scene, SceneError> {
+    let Import { meshes, materials, images, mut instances, camera, resolution, defaults, environment } = import;
+    let location = Location::file(path);
+
+    // Flatten the instances, one mesh after the other.
+    let mut materials = Materials::new(materials, images);
+    let mut mesh = Mesh::default();
+    let mut without_area = 0;
+    instances.sort_by_key(|instance| instance.mesh);
+    let mut instances = &instances[..];
+    for (index, source) in meshes.into_iter().enumerate() {
+        let count = instances.iter().take_while(|instance| instance.mesh == index).count();
+        let (own, rest) = instances.split_at(count);
+        instances = rest;
+        let transforms = own.iter().map(|instance| &instance.transform);
+        without_area += mesh.add(&source, transforms, &mut materials, &mut sources)?;
+    }
+    if mesh.triangles.is_empty() {
+        return Err(location.refuse("no triangle has an area; check scale and the mesh"));
+    }
+    if without_area > 0 {
+        sources.warn(format!("{location}: {without_area} triangles without area were dropped"));
+    }
+
+    let (materials, textures) = materials.finish();
+    let mut environment = decoded_environment(environment, &mut sources)?;
+    let is_dark = matches!(environment, Environment::Black) && !materials.iter().any(Material::is_emitter);
+    if is_dark && camera.is_none() {
+        environment = Environment::Constant(Vec3::ONE);
+        sources.warn(format!("{location}: nothing emits light; lit by a white environment of radiance 1"));
+    } else if is_dark {
+        sources.warn(format!("{location}: nothing emits light; add a material with Ke or an [environment]"));
+    }
+    let [width, height] = resolution.unwrap_or(RESOLUTION);
+    let (hash, warnings) = sources.finish();
+    Ok(Scene {
+        name: one_line(&path.file_stem().unwrap_or_default().to_string_lossy()),
+        camera: camera.unwrap_or_else(|| Camera::framing(mesh.bounds())),
+        width,
+        height,
+        defaults,
+        mesh,
+        materials,
+        textures,
+        environment,
+        hash,
+        warnings,
+    })
+}
+
+fn decoded_environment(environment: import::Environment, sources: &mut Sources) -> Result<Environment, SceneError> {
+    let (file, scale) = match environment {
+        import::Environment::Black => return Ok(Environment::Black),
+        import::Environment::Constant(radiance) if radiance == Vec3::ZERO => return Ok(Environment::Black),
+        import::Environment::Constant(radiance) => return Ok(Environment::Constant(radiance)),
+        import::Environment::LatLong { image, scale } => (image, scale),
+    };
+    let image = decoded(&file, sources)?;
+    let radiance: Vec<Vec3> = image.pixels.iter().map(|&pixel| pixel * scale).collect();
+    if radiance.iter().any(|radiance| !radiance.is_finite()) {
+        let problem = format!("radiance overflows times scale {scale}; give a smaller scale");
+        return Err(file.location.refuse(problem));
+    }
+    if radiance.iter().all(|&radiance| radiance == Vec3::ZERO) {
+        sources.warn(format!("{}: the environment is black", file.location));
+        return Ok(Environment::Black);
+    }
+    let (width, height) = (image.width, image.height);
+    Ok(Environment::LatLong(EnvironmentMap { path: file.path, width, height, radiance }))
+}
+
+/// Reads an image of radiance or reflectance: every value is finite and at least 0.
+fn decoded(file: &ImageFile, sources: &mut Sources) -> Result<Image, SceneError> {
+    let refuse = |problem: String| {
+        let name = one_line(&file.path.to_string_lossy());
+        file.location.refuse(format!("image `{name}` {}", one_line(&problem)))
+    };
+    let bytes = sources.read(&file.path, &file.location)?;
+    let image = decode_image(&file.path, &bytes).map_err(|problem| refuse(format!("cannot be decoded: {problem}")))?;
+    if image.pixels.is_empty() {
+        return Err(refuse("has no pixels; export it anew".into()));
+    }
+    let is_radiance = |pixel: &Vec3| pixel.is_finite() && pixel.min_element() >= 0.0;
+    match image.pixels.iter().position(|pixel| !is_radiance(pixel)) {
+        None => Ok(image),
+        Some(index) => {
+            let (x, y) = (index % image.width as usize, index / image.width as usize);
+            let [r, g, b] = image.pixels[index].to_array();
+            Err(refuse(format!("texel ({x}, {y}) is ({r}, {g}, {b}), negative or not finite; repair the image")))
+        }
+    }
+}
+
+impl Camera {
+    /// A camera that sees the whole of a box, along -z and a little from above.
+    fn framing((low, high): (DVec3, DVec3)) -> Self {
+        const VFOV: f64 = 45.0;
+        const MARGIN: f64 = 1.05;
+        let centre = 0.5 * (low + high);
+        let radius = 0.5 * low.distance(high);
+        let distance = MARGIN * radius / libm::sin((0.5 * VFOV).to_radians());
+        Self {
+            eye: centre + distance * DVec3::new(0.0, 0.25, 1.0).normalize(),
+            target: centre,
+            up: DVec3::Y,
+            vfov: VFOV,
+            aperture: 0.0,
+            focus: distance,
+        }
+    }
+}
