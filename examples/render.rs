@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use raywave::Renderer;
 use raywave::gpu::Device;
 use raywave::image::{WriteOptions, write_image};
-use raywave::render::Settings;
+use raywave::settings::Settings;
 use raywave::scene::Scene;
 
 fn main() -> Result<(), Box<dyn Error>> {

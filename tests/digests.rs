@@ -13,8 +13,9 @@ use common::probe::hostile;
 use common::{assert_silent, device, gallery, is_swiftshader, own_scene, prepare, project_file, tries};
 use raywave::bvh::{BvhKind, MAX_LISTED};
 use raywave::gpu::Device;
-use raywave::render::{Numerics, Scheduler, Session, SessionOptions, Settings};
-use raywave::scene::{Integrator, Sampler, Scene};
+use raywave::render::{Session, SessionOptions};
+use raywave::settings::{Integrator, Numerics, Sampler, Scheduler, Settings};
+use raywave::scene::Scene;
 use raywave::shaders::Forms;
 use serde::{Deserialize, Serialize};
 

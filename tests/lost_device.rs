@@ -9,7 +9,8 @@ use std::time::Duration;
 use common::{assert_silent, device, own_scene, prepare, tries};
 use raywave::film::FilmMoments;
 use raywave::gpu::{Device, GpuError};
-use raywave::render::{Kept, PreparedScene, RenderError, Scheduler, Session, SessionOptions, Settings, Statistics};
+use raywave::render::{Kept, PreparedScene, RenderError, Session, SessionOptions, Statistics};
+use raywave::settings::{Scheduler, Settings};
 
 const WIDTH: u32 = 24;
 const HEIGHT: u32 = 17;

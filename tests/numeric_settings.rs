@@ -9,10 +9,9 @@ use common::{assert_silent, device, own_scene, prepare, render_on, samples_on, s
 use glam::DVec3;
 use rayon::prelude::*;
 use raywave::gpu::Device;
-use raywave::render::{
-    Defaults, Footprint, Offsets, Outcome, PathState, PreparedScene, Scheduler, Session, Settings, ShadowRays,
-};
-use raywave::scene::{Integrator, Scene};
+use raywave::render::{Defaults, Footprint, Outcome, PreparedScene, Session};
+use raywave::settings::{Integrator, Offsets, PathState, Scheduler, Settings, ShadowRays};
+use raywave::scene::Scene;
 use raywave::stats::Moments;
 
 /// Path state and offsets that are not the default.

@@ -16,10 +16,11 @@ use common::{assert_silent, device, own_scene, prepare, project_file, render_on,
 use glam::DVec3;
 use raywave::gpu::Device;
 use raywave::image::{Image, WriteOptions, read_image, write_image};
-use raywave::render::RouletteMode::{self, Constant, Throughput};
-use raywave::render::{Session, Settings};
-use raywave::scene::Integrator::{self, Explicit, Implicit, Mis};
-use raywave::scene::Sampler::{self, Independent, Sobol};
+use raywave::settings::RouletteMode::{self, Constant, Throughput};
+use raywave::render::Session;
+use raywave::settings::Settings;
+use raywave::settings::Integrator::{self, Explicit, Implicit, Mis};
+use raywave::settings::Sampler::{self, Independent, Sobol};
 use raywave::scene::{Environment, Scene};
 use raywave::stats::{sidak_level, z_test};
 

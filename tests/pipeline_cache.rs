@@ -8,7 +8,8 @@ use std::path::Path;
 
 use common::{assert_silent, device_with_cache, own_scene};
 use glam::DVec3;
-use raywave::render::{PreparedScene, Session, Settings};
+use raywave::render::{PreparedScene, Session};
+use raywave::settings::Settings;
 
 /// The sums of a small render on a device of its own, whose kernels are kept in that folder.
 fn sums(folder: Option<&Path>) -> Vec<DVec3> {

@@ -11,10 +11,9 @@ use raywave::bvh::{BvhKind, Ray, count_any, count_closest, trace_any, trace_clos
 use raywave::constants::NO_TRIANGLE;
 use raywave::gpu::Device;
 use raywave::rays::{RayClass, RayOrder, RayRecord};
-use raywave::render::{
-    PreparedScene, QueuedRays, RenderError, Replay, Scheduler, Session, Settings, ShadowRays, distances,
-};
-use raywave::scene::{Integrator, Scene};
+use raywave::render::{PreparedScene, QueuedRays, RenderError, Replay, Session, distances};
+use raywave::settings::{Integrator, Scheduler, Settings, ShadowRays};
+use raywave::scene::Scene;
 
 const SIZE: u32 = 20;
 const SAMPLES: u32 = 3;

@@ -17,7 +17,8 @@ use raywave::constants::{ENVIRONMENT_LAT_LONG, NO_TRIANGLE};
 use raywave::gpu::Device;
 use raywave::oracle::sobol::{scramble, sobol4};
 use raywave::oracle::{optics, pcg4d};
-use raywave::scene::{Camera, Environment, EnvironmentMap, Material, Sampler, Surface};
+use raywave::scene::{Camera, Environment, EnvironmentMap, Material, Surface};
+use raywave::settings::Sampler;
 use raywave::stats::{Moments, SplitMix64, chi_square, sidak_adjusted, z_test};
 
 /// How seldom a family of tests may fail by chance.

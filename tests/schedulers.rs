@@ -12,10 +12,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 use raywave::facts;
 use raywave::gpu::Device;
-use raywave::render::{
-    Outcome, Packets, PreparedScene, RenderError, RouletteMode, Scheduler, Session, Settings, ShadowRays,
-};
-use raywave::scene::{Integrator, Sampler, Scene};
+use raywave::render::{Outcome, PreparedScene, RenderError, Session};
+use raywave::settings::{Integrator, Packets, RouletteMode, Sampler, Scheduler, Settings, ShadowRays};
+use raywave::scene::Scene;
 
 const SIZE: u32 = 20;
 const SAMPLES: u32 = 3;

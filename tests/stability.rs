@@ -6,8 +6,9 @@ mod common;
 use std::ops::ControlFlow;
 
 use common::{assert_silent, device, prepare, scene_from};
-use raywave::render::{Fault, Scheduler, Session, Settings, ShadowRays, find_faults};
-use raywave::scene::{Integrator, Scene};
+use raywave::render::{Fault, Session, find_faults};
+use raywave::settings::{Integrator, Scheduler, Settings, ShadowRays};
+use raywave::scene::Scene;
 use raywave::stability::{Level, plans};
 
 #[test]

@@ -10,9 +10,8 @@ use common::{assert_silent, device, floor, own_scene, prepare, tries};
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::render::{
-    Ending, Outcome, PreparedScene, Progress, Scheduler, Session, SessionOptions, Settings, Statistics,
-};
+use raywave::render::{Ending, Outcome, PreparedScene, Progress, Session, SessionOptions, Statistics};
+use raywave::settings::{Scheduler, Settings};
 use raywave::scene::Scene;
 
 const WIDTH: u32 = 24;

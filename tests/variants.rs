@@ -8,7 +8,8 @@ use std::ops::ControlFlow;
 use common::own_scene;
 use glam::DVec3;
 use raywave::gpu::Device;
-use raywave::render::{PreparedScene, Session, SessionOptions, Settings};
+use raywave::render::{PreparedScene, Session, SessionOptions};
+use raywave::settings::Settings;
 use raywave::scene::Scene;
 use raywave::shaders::Access;
 

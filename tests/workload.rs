@@ -12,7 +12,8 @@ use raywave::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, 
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
 use raywave::layout::WorkCount;
-use raywave::render::{Outcome, Scheduler, Session, SessionOptions, Settings, ShadowRays, Sort};
+use raywave::render::{Outcome, Session, SessionOptions};
+use raywave::settings::{Scheduler, Settings, ShadowRays, Sort};
 use raywave::scene::Scene;
 
 /// Schedulers, and when they trace the rays to lights.

@@ -11,8 +11,8 @@ use glam::{DVec2, DVec3};
 
 use super::optics;
 use super::sobol::sobol4;
-use crate::render::{RouletteMode, Settings};
-use crate::scene::{Environment, Integrator, Material, NONE, Sampler, Scene, Surface};
+use crate::settings::{Integrator, RouletteMode, Sampler, Settings};
+use crate::scene::{Environment, Material, NONE, Scene, Surface};
 
 /// A scene as paths are followed through it.
 pub struct Reference<'a> {

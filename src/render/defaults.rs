@@ -211,7 +211,7 @@ impl Defaults {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::Packets;
+    use crate::settings::Packets;
     use crate::scene::Scene;
 
     /// Software of eight lanes whose loops have a limit, without one, and of four lanes.

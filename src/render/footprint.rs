@@ -9,8 +9,7 @@ use super::plan::Plan;
 use super::prepare::{Needs, PreparedScene};
 use super::schedule::Schedule;
 use crate::constants::*;
-use crate::scene::{Integrator, Sampler};
-use crate::settings::{RouletteMode, Scheduler, Settings};
+use crate::settings::{Integrator, RouletteMode, Sampler, Scheduler, Settings};
 use crate::shaders::{Access, Arithmetic, Build, Edition, Promises};
 
 /// Kernels and buffers of a render.

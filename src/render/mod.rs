@@ -26,10 +26,6 @@ mod statistics;
 mod traced;
 mod warm_up;
 
-pub use crate::settings::{
-    Fetch, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Numerics, Offsets, Packets, PathState, RouletteMode, Scheduler,
-    Settings, SettingsError, ShadowRays, Sort,
-};
 pub use buffers::scene_buffers;
 pub use defaults::{Defaults, Traversal};
 pub use dump::QueuedRays;

@@ -18,7 +18,6 @@ use std::path::{Path, PathBuf};
 use crate::settings::Settings;
 use glam::{DVec3, Vec2, Vec3};
 
-pub use crate::settings::{Integrator, Sampler};
 pub use error::{Location, SceneError};
 use sources::{Files, Sources};
 

@@ -5,7 +5,8 @@ use bytemuck::Pod;
 use crate::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription, GpuError};
 use crate::layout::Batch;
 use crate::recording::Recording;
-use crate::render::{Defaults, Fetch};
+use crate::render::Defaults;
+use crate::settings::Fetch;
 use crate::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Kernel, Variant};
 
 include!(concat!(env!("OUT_DIR"), "/selftest.rs"));

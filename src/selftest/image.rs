@@ -2,7 +2,8 @@
 
 use super::bench::Bench;
 use super::{Check, Finding, Verdict};
-use crate::render::{RenderError, Renderer, Scheduler, Settings};
+use crate::render::{RenderError, Renderer};
+use crate::settings::{Scheduler, Settings};
 use crate::scene::Scene;
 
 pub const CHECKS: &[Check] = &[Check {

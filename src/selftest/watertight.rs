@@ -10,7 +10,8 @@ use crate::constants::NO_TRIANGLE;
 use crate::layout::{Batch, Triangle};
 use crate::oracle::pcg4d;
 use crate::recording::Recording;
-use crate::render::{Plan, PreparedScene, RenderError, Settings, scene_buffers};
+use crate::render::{Plan, PreparedScene, RenderError, scene_buffers};
+use crate::settings::Settings;
 use crate::scene::Scene;
 use crate::stability::stage::{Stage, ball, cube, grey};
 

@@ -7,8 +7,9 @@ use glam::{DVec3, dvec3};
 use super::Plan;
 use super::lab::{Lab, Measured, tell, trial};
 use super::stage::{Stage, grey, lamp};
-use crate::render::{RenderError, Renderer, Settings};
-use crate::scene::{Integrator, Scene};
+use crate::render::{RenderError, Renderer};
+use crate::settings::{Integrator, Settings};
+use crate::scene::Scene;
 use crate::studies::Trial;
 
 pub const PLANS: &[Plan] = &[

@@ -8,8 +8,9 @@ use crate::film::FilmMoments;
 use crate::gpu::Device;
 use crate::oracle::Reference;
 use crate::rays::{RayClass, RayRecord};
-use crate::render::{PreparedScene, RenderError, Renderer, Replay, Settings};
-use crate::scene::{Integrator, Scene};
+use crate::render::{PreparedScene, RenderError, Renderer, Replay};
+use crate::settings::{Integrator, Settings};
+use crate::scene::Scene;
 use crate::stats::{mean, standard_error};
 use crate::studies::Trial;
 

@@ -8,8 +8,8 @@ use glam::{DVec3, Vec3, dvec3};
 use super::Plan;
 use super::lab::{Lab, tell, trial};
 use super::stage::{Stage, ball, cube, grey, inside_out, lamp};
-use crate::render::Settings;
-use crate::scene::{Environment, EnvironmentMap, Integrator, Scene};
+use crate::settings::{Integrator, Settings};
+use crate::scene::{Environment, EnvironmentMap, Scene};
 use crate::studies::Trial;
 
 pub const PLANS: &[Plan] = &[

@@ -5,8 +5,8 @@ use glam::{DVec3, dvec3};
 use super::Plan;
 use super::lab::{Lab, tell, trial};
 use super::stage::{Stage, cube, glass, gloss, grey, inside_out, lamp};
-use crate::render::Settings;
-use crate::scene::{Integrator, Surface};
+use crate::settings::{Integrator, Settings};
+use crate::scene::Surface;
 use crate::studies::Trial;
 
 pub const PLANS: &[Plan] = &[

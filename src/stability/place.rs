@@ -5,7 +5,8 @@ use glam::{DVec3, dvec3};
 use super::Plan;
 use super::lab::{Lab, tell, trial};
 use super::stage::{Stage, ball, cube, grey, lamp, mapped, moved};
-use crate::scene::{Integrator, Scene};
+use crate::scene::Scene;
+use crate::settings::Integrator;
 use crate::studies::Trial;
 
 pub const PLANS: &[Plan] = &[
@@ -175,7 +176,7 @@ fn grazing_view(lab: &Lab<'_>) -> Vec<Trial> {
 }
 
 fn grazing_light(lab: &Lab<'_>) -> Vec<Trial> {
-    let picture = crate::render::Settings { samples: 16, ..lab.picture(Integrator::Explicit, 1) };
+    let picture = crate::settings::Settings { samples: 16, ..lab.picture(Integrator::Explicit, 1) };
     let [along, normal, _] = askew();
     let run = |(angle, required): (f64, bool)| {
         // A lamp a thousandth of the angle high, so that it is narrow, seen from a point of the floor.

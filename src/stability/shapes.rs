@@ -9,7 +9,8 @@ use crate::bvh::BvhKind;
 use crate::constants::NO_TRIANGLE;
 use crate::rays::RayRecord;
 use crate::render::PreparedScene;
-use crate::scene::{Integrator, Scene};
+use crate::scene::Scene;
+use crate::settings::Integrator;
 use crate::stats::SplitMix64;
 use crate::studies::Trial;
 
@@ -181,7 +182,7 @@ fn slivers(lab: &Lab<'_>) -> Vec<Trial> {
 }
 
 fn sliver_lamp(lab: &Lab<'_>) -> Vec<Trial> {
-    let picture = crate::render::Settings { samples: 16, ..lab.picture(Integrator::Explicit, 1) };
+    let picture = crate::settings::Settings { samples: 16, ..lab.picture(Integrator::Explicit, 1) };
     let run = |(aspect, required): (f64, bool)| {
         // A thin lamp through the middle of the scene, over a point of a floor: E = Ke A / d² at its middle, where
         // its length is short beside the distance.
@@ -240,7 +241,7 @@ fn degenerate(lab: &Lab<'_>) -> Vec<Trial> {
 
 fn self_hits(lab: &Lab<'_>) -> Vec<Trial> {
     let side = lab.by_level(64, 384, 2048);
-    let picture = crate::render::Settings { width: side, height: side, ..lab.picture(Integrator::Explicit, 1) };
+    let picture = crate::settings::Settings { width: side, height: side, ..lab.picture(Integrator::Explicit, 1) };
     let run = |(flatness, required): (f64, bool)| {
         let body = ball(dvec3(1.0, flatness, 1.0), 24);
         let turn = glam::DQuat::from_axis_angle(dvec3(0.6, 0.0, 0.8), 0.7);

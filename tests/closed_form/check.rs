@@ -3,9 +3,8 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
-use raywave::scene::Integrator::{self, Explicit, Implicit, Mis};
-use raywave::scene::Sampler;
-use raywave::settings::Settings;
+use raywave::settings::Integrator::{self, Explicit, Implicit, Mis};
+use raywave::settings::{Sampler, Settings};
 use raywave::stats::{sidak_level, z_test};
 
 use crate::common::render_on;

@@ -1,7 +1,7 @@
 //! Determinism, and scenes at the edge of what a scene can be.
 
 use glam::{DVec3, dvec3};
-use raywave::render::Settings;
+use raywave::settings::Settings;
 
 use crate::check::*;
 use crate::common::{device, own_scene, render_on, tries};

@@ -13,7 +13,8 @@ pub use project::project_file;
 use raywave::Renderer;
 use raywave::gallery::generate_gallery;
 use raywave::gpu::{Device, Instance};
-use raywave::render::{Outcome, PreparedScene, Settings};
+use raywave::render::{Outcome, PreparedScene};
+use raywave::settings::Settings;
 use raywave::scene::Scene;
 
 /// Vulkan under validation, or without where `RAYWAVE_NO_VALIDATION` is set, for machines that lack the layer.

@@ -3,8 +3,8 @@
 use super::super::plan::Plan;
 use crate::bvh::{Bvh, BvhKind};
 use crate::constants::*;
-use crate::scene::{self, Environment, Integrator, Sampler, Scene, Surface};
-use crate::settings::{Offsets, PathState, RouletteMode, Settings, ShadowRays, Sort};
+use crate::scene::{self, Environment, Scene, Surface};
+use crate::settings::{Integrator, Offsets, PathState, RouletteMode, Sampler, Settings, ShadowRays, Sort};
 
 /// What a scene needs: all else is left out of its kernels. Materials count where a triangle has them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -27,8 +27,8 @@ use super::plan::{Plan, SceneLevels};
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
 use crate::layout::{EnvironmentSplit, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
-use crate::scene::{Environment, Integrator, Scene};
-use crate::settings::Settings;
+use crate::scene::{Environment, Scene};
+use crate::settings::{Integrator, Settings};
 use crate::trace::Stages;
 
 /// A scene that the kernels cannot hold.

@@ -15,13 +15,8 @@ use super::{
     mtl::{Definition, portable},
     obj,
 };
-use crate::scene::{
-    Camera, Integrator, RenderDefaults, Sampler,
-    error::{Location, SceneError},
-    sources::Sources,
-    text::{excerpt, name, one_line},
-    transform::Transform,
-};
+use crate::scene::{Camera, RenderDefaults, error::{Location, SceneError}, sources::Sources, text::{excerpt, name, one_line}, transform::Transform};
+use crate::settings::{Integrator, Sampler};
 
 /// Imports a scene file with the meshes that it names.
 pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, SceneError> {
