@@ -2,7 +2,7 @@
 //! `tests/shaders/`, kernels that let the tests call single functions, what `shaders/facts/` measures a device by, and
 //! the kernels of the self-test, each into a table of its own.
 //!
-//! Each `NAME.comp` is compiled once for every [`Edition`] and every entry of [`ACCESSES`]. From the SPIR-V itself
+//! Each `NAME.comp` is compiled once for every [`Edition`] and every [`variant::Access`]. From the SPIR-V itself
 //! come the bindings, their access, the push-constant size and the block layouts that the tests
 //! compare with the Rust structs. Every shader error is reported before the build fails. Every arithmetic is tried on
 //! every kernel; the host puts one into a kernel when it builds it.
@@ -16,7 +16,7 @@ use rspirv::binary::Assemble;
 use rspirv::dr::{Block, Instruction, Module, Operand};
 use rspirv::spirv::{BuiltIn, Decoration, Op, StorageClass};
 
-#[allow(dead_code, reason = "the build needs the list alone")]
+#[allow(dead_code, reason = "the build needs only the tables")]
 #[path = "src/constants.rs"]
 mod constants;
 
@@ -26,26 +26,13 @@ mod arithmetic;
 #[allow(dead_code, reason = "as above")]
 #[path = "src/shaders/link.rs"]
 mod link;
+#[path = "src/shaders/variant.rs"]
+mod variant;
 
 use arithmetic::{Arithmetic, Form, Forms};
 use constants::{Specialization, SpecializationConstant};
 use link::Library;
-
-/// How the builds of a kernel reach memory: it cannot be a specialization constant because it
-/// changes a descriptor's type or a required capability.
-const ACCESSES: [&[&str]; 4] = [&[], &["TEXEL_FETCH"], &["SUBGROUP_BALLOT"], &["TEXEL_FETCH", "SUBGROUP_BALLOT"]];
-
-/// What a build of a kernel is for.
-#[derive(Clone, Copy, PartialEq)]
-enum Edition {
-    /// To render.
-    Plain,
-    /// With bindings and code that count the work.
-    Counting,
-}
-
-/// In the order of `shaders::Edition`.
-const EDITIONS: [Edition; 2] = [Edition::Plain, Edition::Counting];
+use variant::{Edition, variants};
 
 /// Libraries of functions that the host puts in place of a kernel's operations, with the names of their statics.
 const LIBRARIES: [(&str, &str); 2] =
@@ -62,7 +49,7 @@ const FORMS: [(&str, &str, &str); 4] = [
 /// Where the kernels' own functions lie, and then what the self-test's kernels share, and probes.
 const INCLUDES: [&str; 3] = ["shaders/include", SELFTEST, PROBES];
 
-/// The folder of the self-test's kernels, which need the plain edition alone.
+/// The folder of the self-test's kernels, which need only the plain edition.
 const SELFTEST: &str = "shaders/selftest";
 
 /// The probes' folder. A packaged source need not have it.
@@ -75,7 +62,14 @@ fn main() {
     let version = process::Command::new(env::var_os("RUSTC").expect("cargo sets RUSTC")).arg("--version").output();
     let version = version.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned());
     println!("cargo::rustc-env=RAYWAVE_RUSTC_VERSION={}", version.unwrap_or_default());
-    for source in ["shaders", PROBES, "src/constants.rs", "src/shaders/arithmetic.rs", "src/shaders/link.rs"] {
+    for source in [
+        "shaders",
+        PROBES,
+        "src/constants.rs",
+        "src/shaders/arithmetic.rs",
+        "src/shaders/link.rs",
+        "src/shaders/variant.rs",
+    ] {
         println!("cargo::rerun-if-changed={source}");
     }
     let [(portable, portable_entry), (_, hostile_entry)] = match compile_libraries(&out) {
@@ -85,7 +79,7 @@ fn main() {
             process::exit(1);
         }
     };
-    let kernels = Table::of("shaders", &EDITIONS, Some(&portable), &out);
+    let kernels = Table::of("shaders", &Edition::ALL, Some(&portable), &out);
     let probes = Table::of(PROBES, &[Edition::Plain], Some(&portable), &out);
     // They ask what the device itself does.
     let [facts, selftest] = [FACTS, SELFTEST].map(|folder| Table::of(folder, &[Edition::Plain], None, &out));
@@ -191,7 +185,7 @@ impl Table {
         folder: &str,
         name: &str,
         path: &Path,
-        form: Option<&str>,
+        form: Option<&'static str>,
         editions: &[Edition],
         portable: Option<&Library>,
         out: &Path,
@@ -200,10 +194,9 @@ impl Table {
         let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
         let source = fs::read_to_string(path).expect("a listed shader can be read");
         writeln!(table.entries, "    Kernel {{ name: {name:?}, variants: &[").expect("strings grow");
-        let variants = editions.iter().flat_map(|edition| ACCESSES.map(|macros| (*edition, macros)));
-        for (index, (edition, macros)) in variants.enumerate() {
-            let macros: Vec<&str> = macros.iter().copied().chain(form).collect();
-            let built = compile(&compiler, path, &source, edition, &macros);
+        for (index, (edition, access)) in variants(editions).enumerate() {
+            let macros: Vec<&str> = access.macro_names().chain(edition.macro_name()).chain(form).collect();
+            let built = compile(&compiler, path, &source, &macros);
             match built.and_then(|module| check(path, &module, portable).map(|()| module)) {
                 Ok(module) => {
                     let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
@@ -312,17 +305,10 @@ fn compile_options(level: shaderc::OptimizationLevel) -> shaderc::CompileOptions
 }
 
 /// Compiles one variant of a kernel.
-fn compile(
-    compiler: &shaderc::Compiler,
-    path: &Path,
-    source: &str,
-    edition: Edition,
-    macros: &[&str],
-) -> Result<Module, String> {
+fn compile(compiler: &shaderc::Compiler, path: &Path, source: &str, macros: &[&str]) -> Result<Module, String> {
     let path = path.to_string_lossy();
     let mut options = compile_options(shaderc::OptimizationLevel::Performance);
-    let counting = (edition == Edition::Counting).then_some("COUNTING");
-    for name in macros.iter().copied().chain(counting) {
+    for name in macros {
         options.add_macro_definition(name, Some("1"));
     }
     options.set_include_callback(|requested, _, _, _| {

@@ -5,33 +5,25 @@
 mod arithmetic;
 mod link;
 mod specialize;
+mod variant;
 
 use std::sync::LazyLock;
 
 pub use arithmetic::{Arithmetic, Form, Forms};
 pub use link::Library;
 pub use specialize::{Build, Specialized};
+pub use variant::{Access, Edition};
 
 /// A compute kernel in every variant that it is built in.
 #[derive(Debug)]
 pub struct Kernel {
     /// Name of the shader file without extension, or of a form of it; the one name it has everywhere.
     pub name: &'static str,
-    /// Four of each [`Edition`]; of a probe, of the plain one alone.
+    /// One of each [`Access`] in each [`Edition`]; probes have only the plain edition.
     pub variants: &'static [Variant],
 }
 
-/// What a build of a kernel is for.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Edition {
-    /// To render.
-    #[default]
-    Plain,
-    /// Counts what traversal and shading do, and computes the same. Slower.
-    Counting,
-}
-
-/// When lanes of a subgroup that took different branches are together again. Without a promise a driver may keep them
+/// When lanes of a subgroup that took different branches reconverge. Without a promise a driver may keep them
 /// apart for as long as it likes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reconvergence {
@@ -44,9 +36,9 @@ pub enum Reconvergence {
 /// What a driver promises a kernel that asks for it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Promises {
-    /// Of lanes that parted.
+    /// Of lanes that diverged.
     pub reconvergence: Option<Reconvergence>,
-    /// Infinities, numbers that are none and signs of zeros are what they are: the driver does not take them to be absent.
+    /// Infinities, NaN and the signs of zeros are preserved: the driver does not assume that there are none.
     pub special_values: bool,
     /// Floats are rounded to nearest, ties to even.
     pub nearest_rounding: bool,
@@ -54,19 +46,14 @@ pub struct Promises {
     pub flushes_subnormals: bool,
 }
 
-/// How kernels reach memory. Whatever it is, they compute the same bits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Access {
-    /// Scene buffers are read by texels, not as storage buffers.
-    pub texel_fetch: bool,
-    /// Queues are appended to once a subgroup, not once an invocation, and packets are subgroups.
-    pub subgroup_ballot: bool,
-}
-
 impl Kernel {
-    /// The build for that use: `build.rs` lists them by edition, then by access.
+    /// The build for that use.
+    ///
+    /// # Panics
+    /// When the kernel does not have that edition.
     pub fn variant(&self, edition: Edition, access: Access) -> &'static Variant {
-        &self.variants[4 * edition as usize + usize::from(access.texel_fetch) + 2 * usize::from(access.subgroup_ballot)]
+        let place = variant::variants(&Edition::ALL).position(|variant| variant == (edition, access));
+        &self.variants[place.expect("every access of every edition is listed")]
     }
 }
 

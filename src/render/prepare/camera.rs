@@ -6,10 +6,10 @@ use super::space::Normalisation;
 use crate::layout::Frame;
 use crate::scene;
 
-/// The eye, or where it lies in a surface but for rounding, a point further along its view: from within, some rays would
-/// find that surface in front of them and some would not.
+/// The eye, moved along its view if it lies in a surface to within rounding: there some rays would hit that surface and
+/// some would not.
 fn clear_of_surfaces(eye: DVec3, forward: DVec3, corners: &[[Vec3; 3]]) -> DVec3 {
-    // Some roundings of the coordinates at hand.
+    // A few roundings, relative to the coordinates.
     const TOUCH: f64 = 4.8e-7;
     let touch = |corners: &[Vec3; 3]| {
         let [a, b, c] = corners.map(|corner| corner.as_dvec3());
@@ -24,11 +24,11 @@ fn clear_of_surfaces(eye: DVec3, forward: DVec3, corners: &[[Vec3; 3]]) -> DVec3
 
 /// Radius of the ball about the origin that holds any normalised scene.
 const SCENE_RADIUS: f64 = 1.75;
-/// Distance of an eye from the middle of a scene beyond which rays start nearer to the scene, normalised units: until
+/// Distance of an eye from the middle of the scene beyond which rays start nearer to the scene, normalised units. Up to
 /// there an eye has about as many digits behind the point as the scene.
 const NEAR_EYE: f64 = 16.0;
 
-/// How far before the eye, along the view axis, the plane lies that the camera's rays start from. No surface is nearer.
+/// Distance along the view axis from the eye to the plane where the camera's rays start. No surface is nearer.
 fn ray_start(eye: DVec3, forward: DVec3) -> f64 {
     if eye.length() <= NEAR_EYE {
         return 0.0;
@@ -41,7 +41,7 @@ pub(super) fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation
     let forward = (camera.target - camera.eye).normalize();
     let mut right = forward.cross(camera.up).normalize_or_zero();
     if right == DVec3::ZERO {
-        // Looking straight up or down: any axis that is not the view's will do for up.
+        // The view is along `up`: any other axis will do for it.
         right = forward.cross(forward.any_orthonormal_vector()).normalize();
     }
     let up = right.cross(forward);

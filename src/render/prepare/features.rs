@@ -1,4 +1,4 @@
-//! What a scene has and what a render needs: all else is left out of the kernels.
+//! What a scene has and what a render needs of its kernels, and so the values of the specialization constants.
 
 use super::super::plan::Plan;
 use crate::bvh::{Bvh, BvhKind};
@@ -6,7 +6,7 @@ use crate::constants::*;
 use crate::scene::{self, Environment, Scene, Surface};
 use crate::settings::{Integrator, Offsets, PathState, RouletteMode, Sampler, Settings, ShadowRays, Sort};
 
-/// What a scene needs: all else is left out of its kernels. Materials count where a triangle has them.
+/// What a scene has: kernels leave out all else. A material counts only if some triangle has it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Features {
     /// One of `ENVIRONMENT_*`.
@@ -67,7 +67,7 @@ impl Features {
             mirror: is(Surface::Mirror),
             refractive: is(Surface::Refractive),
             dielectric: is(Surface::Dielectric),
-            // A lamp shows no texture.
+            // An area light shows no texture.
             textures: any(&|m| !m.is_emitter() && m.map_kd.is_some()),
             normals: scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE),
             lens: scene.camera.aperture > 0.0,
@@ -89,28 +89,28 @@ pub(super) fn used_materials(scene: &Scene) -> Vec<bool> {
     used
 }
 
-/// What a render needs of its kernels: features of the scene, and of the settings.
+/// What a render needs of its kernels, by its scene and its settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Needs {
     /// What the scene has.
     pub features: Features,
-    /// Paths go on from surfaces.
+    /// Paths scatter at surfaces.
     pub scatters: bool,
-    /// Paths end at a bounce.
+    /// Paths end at `max_bounces`.
     pub bounded: bool,
-    /// Paths may end at any vertex.
+    /// Russian roulette may end paths.
     pub roulette: bool,
-    /// Vertices send shadow rays.
+    /// Vertices may send shadow rays.
     pub shadows: bool,
     /// Entries of the traversal stack.
     pub stack_size: u32,
 }
 
-/// Entries of the traversal stack of kernels that know nothing of the BVH's depth: it is rarely above.
+/// Entries of the traversal stack of kernels for any scene: few BVHs are deeper.
 const ANY_STACK_SIZE: u32 = 64;
 
 impl Needs {
-    /// Everything, but for the depth of a BVH.
+    /// Everything, with a stack for most BVHs.
     pub const ALL: Self = Self {
         features: Features::ALL,
         scatters: true,
@@ -120,7 +120,7 @@ impl Needs {
         stack_size: ANY_STACK_SIZE,
     };
 
-    /// What a render needs of a scene of such features, whose BVH asks for such a stack.
+    /// What a render needs, by the features of its scene and the stack of its BVH.
     pub fn of(features: Features, settings: &Settings, stack_size: u32) -> Self {
         let scatters = features.scatters() && settings.max_bounces != Some(0);
         let lit = features.lights || features.environment != ENVIRONMENT_BLACK;
@@ -188,9 +188,9 @@ impl Needs {
         }
     }
 
-    /// Bytes of so many traversal stacks, beyond what stays in registers.
+    /// Bytes of that number of traversal stacks, beyond what stays in registers.
     pub fn stack_bytes(&self, stacks: u64) -> u64 {
-        // Full registers give a block away before they are asked for room.
+        // Full registers spill a block before the next push.
         let blocks = match self.stack_size.checked_sub(STACK_REGISTERS) {
             None | Some(0) => 0,
             Some(rest) => 1 + rest / STACK_BLOCK,

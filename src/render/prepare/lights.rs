@@ -1,4 +1,4 @@
-//! Emitting triangles as light samples pick them, and how often they pick the sky.
+//! Area lights, which are emissive triangles, as light samples pick them, and how often they pick the environment.
 
 use std::f64::consts::PI;
 
@@ -16,16 +16,16 @@ use crate::scene::Scene;
 /// Most cells of an alias table: random numbers have 24 bits.
 pub(super) const MAX_CELLS: usize = 1 << 24;
 
-/// How bright a radiance is: its luminance by Rec. 709. A part of the sum keeps it above zero for colours
-/// that have none.
+/// How bright a radiance is: its luminance by Rec. 709, plus a part of the sum, which keeps it above zero for colours
+/// without luminance.
 pub(super) fn brightness(radiance: Vec3) -> f64 {
     let c = radiance.as_dvec3();
     c.dot(DVec3::new(0.2126, 0.7152, 0.0722)) + 1e-3 * c.element_sum()
 }
 
-/// Emitting triangles, as light samples pick them.
+/// Area lights, as light samples pick them.
 #[derive(Debug, Default)]
-pub(super) struct Lamps {
+pub(super) struct AreaLights {
     /// Cells of the alias table, in the scene's order.
     pub(super) cells: Vec<Light>,
     /// Area of each over the probability of its pick, normalised units squared.
@@ -34,9 +34,9 @@ pub(super) struct Lamps {
     power: f64,
 }
 
-impl Lamps {
-    /// Share of the picks that go by power. The others go by area, so that a lamp of little power still
-    /// has samples where it is near, or nothing else shines.
+impl AreaLights {
+    /// Share of the picks that go by power. The others go by area, so that a light of little power still has samples
+    /// where it is near, or is the only one in sight.
     const BY_POWER: f64 = 0.9;
 
     pub(super) fn of(scene: &Scene, bvh: &Bvh, corners: &[[Vec3; 3]]) -> Result<Self, PrepareError> {
@@ -67,7 +67,7 @@ impl Lamps {
         if power == 0.0 {
             return Ok(Self::default());
         }
-        // Probability of a lamp's pick over its area.
+        // Probability that a light is picked, over its area.
         let density = |brightness: &f64| Self::BY_POWER * brightness / power + (1.0 - Self::BY_POWER) / area;
         let densities: Vec<f64> = brightnesses.iter().map(density).collect();
         let weights: Vec<f64> = areas.iter().zip(&densities).map(|(area, density)| area * density).collect();
@@ -85,16 +85,16 @@ impl Lamps {
     }
 }
 
-/// Probability that a light sample goes to the sky: its share of the power that the scene receives, were
-/// half of the sky hidden, though lamps and sky get a tenth at least. `size` is that of the scene's bounds.
-pub(super) fn sky_probability(features: Features, lamps: &Lamps, sky: &Sky, size: DVec3) -> f32 {
+/// Probability that a light sample is of the environment: its share of the power that the scene receives, supposing that
+/// half of the environment is hidden. It and the area lights get a tenth at least. `size` is that of the scene's bounds.
+pub(super) fn sky_probability(features: Features, lights: &AreaLights, sky: &Sky, size: DVec3) -> f32 {
     let shines = features.environment != ENVIRONMENT_BLACK;
-    if !shines || lamps.cells.is_empty() {
+    if !shines || lights.cells.is_empty() {
         return if shines { 1.0 } else { 0.0 };
     }
-    // The sky sends its light through the disk of the sphere about the bounds.
+    // Light of the environment arrives through the disk of the bounds' sphere.
     let received = 0.5 * sky.power * PI * 0.25 * size.length_squared();
-    let share = (received / (received + lamps.power)).clamp(0.1, 0.9);
+    let share = (received / (received + lights.power)).clamp(0.1, 0.9);
     // Exact in the 24 bits of a random number.
     ((share * 256.0).round() / 256.0) as f32
 }

@@ -1,7 +1,8 @@
 //! The scene as the kernels read it: normalised, in leaf order, with only what it requires.
 //!
 //! [`Features`] are what the scene has and [`Needs`] what a render asks of its kernels; `space` has the units, `camera`
-//! the camera's vectors, `lights` the lamps and `sky` the environment as light sampling picks them, `pack` the records.
+//! the camera's vectors, `lights` the area lights and `sky` the environment as light sampling picks them, `pack` the
+//! records.
 
 mod camera;
 mod features;
@@ -17,7 +18,7 @@ use thiserror::Error;
 
 use self::camera::camera_frame;
 pub use self::features::{Features, Needs};
-use self::lights::{Lamps, MAX_CELLS, brightness, sky_probability};
+use self::lights::{AreaLights, MAX_CELLS, brightness, sky_probability};
 use self::pack::{pack_coordinates, pack_material, pack_normals, pack_textures};
 use self::sky::Sky;
 pub use self::space::Normalisation;
@@ -31,7 +32,7 @@ use crate::scene::{Environment, Scene};
 use crate::settings::{Integrator, Settings};
 use crate::trace::Stages;
 
-/// A scene that the kernels cannot hold.
+/// Why the kernels cannot hold a scene.
 #[derive(Debug, Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum PrepareError {
@@ -56,7 +57,7 @@ pub struct PreparedScene {
     pub triangles: Vec<Triangle>,
     /// Materials in the scene's order.
     pub materials: Vec<Material>,
-    /// Emitting triangles.
+    /// Area lights: emissive triangles, as cells of an alias table.
     pub lights: Vec<Light>,
     /// Shading normals in the scene's order, if there are any.
     pub normals: Vec<Normals>,
@@ -66,13 +67,13 @@ pub struct PreparedScene {
     pub textures: Vec<[u32; 2]>,
     /// Texels of a lat-long environment.
     pub environment: Vec<EnvironmentTexel>,
-    /// How light sampling finds a texel, from the whole image down.
+    /// The hierarchy by which light sampling picks a texel.
     pub environment_splits: Vec<EnvironmentSplit>,
     /// What the scene needs of the kernels.
     pub features: Features,
     /// How its positions came from the world's.
     pub normalisation: Normalisation,
-    /// What the kernels' radiance is of the scene's, a power of two.
+    /// The kernels' radiance over the scene's, a power of two.
     pub radiance_scale: f64,
     frame: Frame,
 }
@@ -94,15 +95,15 @@ impl PreparedScene {
     /// [`PreparedScene::with_bvh`] of eight children a node.
     ///
     /// # Errors
-    /// When the scene is larger than an index can tell.
+    /// When the scene is too large for the kernels' indices.
     pub fn new(scene: &Scene) -> Result<Self, PrepareError> {
         Self::with_bvh(scene, BvhKind::Cwbvh)
     }
 
-    /// [`PreparedScene::with_bvh`] of the kind that the settings ask for or else suits the device.
+    /// [`PreparedScene::with_bvh`] of the kind that the settings ask for, or else of the device's default.
     ///
     /// # Errors
-    /// When the scene is larger than an index can tell.
+    /// When the scene is too large for the kernels' indices.
     pub fn for_device(scene: &Scene, settings: &Settings, defaults: &Defaults) -> Result<Self, PrepareError> {
         Self::in_stages(scene, settings, defaults, &Stages::default())
     }
@@ -123,7 +124,7 @@ impl PreparedScene {
     /// Builds a BVH of that kind and lays the scene out.
     ///
     /// # Errors
-    /// When the scene is larger than an index can tell.
+    /// When the scene is too large for the kernels' indices.
     pub fn with_bvh(scene: &Scene, kind: BvhKind) -> Result<Self, PrepareError> {
         Self::lay_out(scene, kind, &Stages::default())
     }
@@ -160,8 +161,8 @@ impl PreparedScene {
             })
             .collect();
         let radiance_scale = radiance_scale(scene);
-        let lamps = Lamps::of(scene, &bvh, &corners)?;
-        for (light, area) in lamps.cells.iter().zip(&lamps.areas) {
+        let area_lights = AreaLights::of(scene, &bvh, &corners)?;
+        for (light, area) in area_lights.cells.iter().zip(&area_lights.areas) {
             triangles[light.triangle as usize].light_area = *area as f32;
         }
 
@@ -173,10 +174,10 @@ impl PreparedScene {
             Environment::Constant(radiance) => Sky { power: 4.0 * PI * brightness(*radiance), ..Sky::default() },
             Environment::Black => Sky::default(),
         };
-        frame.light_count = lamps.cells.len() as u32;
+        frame.light_count = area_lights.cells.len() as u32;
         let (low, high) = scene.bounds();
         frame.sky_probability =
-            sky_probability(features, &lamps, &sky, normalisation.point(high) - normalisation.point(low));
+            sky_probability(features, &area_lights, &sky, normalisation.point(high) - normalisation.point(low));
         frame.environment = features.environment;
         match &scene.environment {
             Environment::Constant(radiance) => {
@@ -191,7 +192,7 @@ impl PreparedScene {
             bvh,
             triangles,
             materials: scene.materials.iter().map(|m| pack_material(m, &headers, radiance_scale)).collect(),
-            lights: lamps.cells,
+            lights: area_lights.cells,
             normals: if features.normals { pack_normals(mesh) } else { Vec::new() },
             texture_coordinates: if features.textures { pack_coordinates(mesh) } else { Vec::new() },
             textures,
@@ -216,7 +217,7 @@ impl PreparedScene {
     /// The uniform block of a render with `path_capacity` slots.
     pub fn frame(&self, settings: &Settings, path_capacity: u32) -> Frame {
         let aspect = settings.width as f32 / settings.height as f32;
-        // The BRDF's own samples find a constant sky as well as light samples do, which are for the lamps then.
+        // BSDF samples find a constant environment as well as light samples do, which are left to the area lights then.
         let found_anyway = settings.integrator == Integrator::Mis && self.features.environment == ENVIRONMENT_CONSTANT;
         let sky_probability = match self.frame.sky_probability {
             both if found_anyway && both < 1.0 => both.min(0.125),
@@ -224,7 +225,7 @@ impl PreparedScene {
         };
         Frame {
             sky_probability,
-            // Until here, right is as long as up.
+            // The camera was laid out for a square image.
             camera_right: self.frame.camera_right.map(|c| c * aspect),
             roulette: settings.roulette as f32,
             max_bounces: settings.max_bounces.unwrap_or(UNBOUNDED),
@@ -238,7 +239,7 @@ impl PreparedScene {
         }
     }
 
-    /// Levels that kernels go down.
+    /// Depths of the scene's trees, which bound the kernels' loops.
     pub fn levels(&self) -> SceneLevels {
         let sky = self.frame.environment_width.max(self.frame.environment_height).max(1);
         let listed = self.bvh.kind == BvhKind::List;
@@ -256,7 +257,7 @@ impl PreparedScene {
         }
     }
 
-    /// What the kernels of a render are built for: what it needs or, without specialization, all there is.
+    /// What the kernels of a render are built for: what it needs or, without specialization, everything.
     pub fn needs(&self, settings: &Settings) -> Needs {
         if settings.specialize {
             Needs::of(self.features, settings, self.stack_size())

@@ -54,9 +54,9 @@ impl Sky {
     }
 }
 
-/// How an image with such weights of its texels, in rows of `width`, is halved to find a texel by its weight: level by
-/// level, the block that holds it all first, then blocks of half the side, in rows, those that hold texels. A block of
-/// the last level is two by two texels.
+/// The hierarchy by which a texel is sampled in proportion to its weight. Level by level, from the one block that holds
+/// the image down to blocks of two by two texels, it has the probabilities of the halves of each block, in rows; blocks
+/// without texels are left out. `weights` are those of the texels, in rows of `width`.
 fn splits(weights: &[f64], width: usize) -> Vec<EnvironmentSplit> {
     let share = |part: f64, whole: f64| if whole > 0.0 { (part / whole) as f32 } else { 0.5 };
     let mut levels = Vec::new();

@@ -5,21 +5,21 @@ use glam::{DVec3, Vec3};
 use super::features::used_materials;
 use crate::scene::{Environment, Scene};
 
-/// The power of two that puts the middle of the brightest and the dimmest light at 1, so that the sums and squares of
-/// samples stay clear of both ends of `f32`. It rounds nothing.
+/// The power of two that scales the geometric mean of the brightest and the dimmest light to about 1, so that the sums and
+/// squares of samples stay clear of both ends of `f32`. It rounds nothing.
 pub(super) fn radiance_scale(scene: &Scene) -> f64 {
-    let lamps = scene.materials.iter().zip(used_materials(scene)).filter(|(_, used)| *used).map(|(m, _)| m.ke);
-    let sky = match &scene.environment {
+    let area_lights = scene.materials.iter().zip(used_materials(scene)).filter(|(_, used)| *used).map(|(m, _)| m.ke);
+    let environment = match &scene.environment {
         Environment::Black => Vec3::ZERO,
         Environment::Constant(radiance) => *radiance,
         Environment::LatLong(map) => map.radiance.iter().fold(Vec3::ZERO, |peak, texel| peak.max(*texel)),
     };
-    let peaks = lamps.chain([sky]).map(|light| f64::from(light.max_element())).filter(|peak| *peak > 0.0);
+    let peaks = area_lights.chain([environment]).map(|light| f64::from(light.max_element())).filter(|peak| *peak > 0.0);
     let (low, high) = peaks.fold((f64::INFINITY, 0.0_f64), |(low, high), peak| (low.min(peak), high.max(peak)));
     if high > 0.0 { (-0.5 * (low.log2() + high.log2())).round().exp2() } else { 1.0 }
 }
 
-/// Subnormal numbers as zeros: devices differ in what they make of them.
+/// Flushes subnormal numbers to zero, as some devices do and others do not.
 pub(super) fn normal_or_zero(v: Vec3) -> Vec3 {
     Vec3::from_array(v.to_array().map(|x| if x.is_subnormal() { 0.0 } else { x }))
 }
@@ -50,7 +50,7 @@ impl Normalisation {
     }
 }
 
-/// Radiance in the kernels' unit.
+/// Radiance in the kernels' unit: the scene's times `radiance_scale`.
 pub(super) fn scaled(radiance: Vec3, radiance_scale: f64) -> [f32; 3] {
     (radiance.as_dvec3() * radiance_scale).as_vec3().to_array()
 }
