@@ -112,7 +112,7 @@ fn replicated(device: &Device, scene: &Scene, settings: &Settings) -> (Image, Im
 
 /// Largest radiance that a light of the scene gives, in any channel.
 fn brightest_light(scene: &Scene) -> f32 {
-    let lamps = scene.materials.iter().map(|material| material.ke.max_element());
+    let lamps = scene.materials.iter().map(|material| material.emission.max_element());
     let sky = match &scene.environment {
         Environment::Black => 0.0,
         Environment::Constant(radiance) => radiance.max_element(),

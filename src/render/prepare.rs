@@ -122,12 +122,12 @@ impl Features {
             },
             lights: any(&|m| m.is_emitter()),
             glossy: is(Surface::Glossy),
-            phong: any(&|m| !m.is_emitter() && m.surface == Surface::Glossy && m.ks.max_element() > 0.0),
+            phong: any(&|m| !m.is_emitter() && m.surface == Surface::Glossy && m.specular.max_element() > 0.0),
             mirror: is(Surface::Mirror),
             refractive: is(Surface::Refractive),
             dielectric: is(Surface::Dielectric),
             // A lamp shows no texture.
-            textures: any(&|m| !m.is_emitter() && m.map_kd.is_some()),
+            textures: any(&|m| !m.is_emitter() && m.diffuse_map.is_some()),
             normals: scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE),
             lens: scene.camera.aperture > 0.0,
             distance,
@@ -171,7 +171,7 @@ const ANY_STACK_SIZE: u32 = 64;
 /// The power of two that puts the middle of the brightest and the dimmest light at 1, so that the sums and squares of
 /// samples stay clear of both ends of `f32`. It rounds nothing.
 fn radiance_scale(scene: &Scene) -> f64 {
-    let lamps = scene.materials.iter().zip(used_materials(scene)).filter(|(_, used)| *used).map(|(m, _)| m.ke);
+    let lamps = scene.materials.iter().zip(used_materials(scene)).filter(|(_, used)| *used).map(|(m, _)| m.emission);
     let sky = match &scene.environment {
         Environment::Black => Vec3::ZERO,
         Environment::Constant(radiance) => *radiance,
@@ -592,7 +592,7 @@ impl Lamps {
                 0.5 * (b - a).cross(c - a).length()
             })
             .collect();
-        let brightnesses: Vec<f64> = originals().map(|original| brightness(material(original).ke)).collect();
+        let brightnesses: Vec<f64> = originals().map(|original| brightness(material(original).emission)).collect();
         let area: f64 = areas.iter().sum();
         let power: f64 = areas.iter().zip(&brightnesses).map(|(area, brightness)| area * brightness).sum();
         if lights.len() > MAX_CELLS {
@@ -644,7 +644,7 @@ const MAX_EXPONENT: f32 = 1e12;
 
 fn pack_material(material: &scene::Material, headers: &[u32], radiance_scale: f64) -> Material {
     Material {
-        kd: material.kd.to_array(),
+        kd: material.diffuse.to_array(),
         surface: if material.is_emitter() {
             SURFACE_EMITTER
         } else {
@@ -655,12 +655,12 @@ fn pack_material(material: &scene::Material, headers: &[u32], radiance_scale: f6
                 Surface::Dielectric => SURFACE_DIELECTRIC,
             }
         },
-        ks: material.ks.to_array(),
-        ns: material.ns.min(MAX_EXPONENT),
-        ke: scaled(material.ke, radiance_scale),
-        ni: material.ni,
-        tf: material.tf.to_array(),
-        map_kd: material.map_kd.map_or(0, |texture| headers[texture as usize] + 1),
+        ks: material.specular.to_array(),
+        ns: material.exponent.min(MAX_EXPONENT),
+        ke: scaled(material.emission, radiance_scale),
+        ni: material.ior,
+        tf: material.transmission.to_array(),
+        map_kd: material.diffuse_map.map_or(0, |texture| headers[texture as usize] + 1),
     }
 }
 
@@ -693,7 +693,7 @@ fn pack_coordinates(mesh: &scene::Mesh) -> Vec<Vec2> {
 /// All images that some triangle shows in one buffer, and where each begins.
 fn pack_textures(scene: &Scene) -> (Vec<[u32; 2]>, Vec<u32>) {
     let shown: HashSet<u32> = (scene.materials.iter().zip(used_materials(scene)))
-        .filter_map(|(material, used)| material.map_kd.filter(|_| used))
+        .filter_map(|(material, used)| material.diffuse_map.filter(|_| used))
         .collect();
     let mut words = Vec::new();
     let mut headers = Vec::new();

@@ -12,7 +12,7 @@ use crate::oracle::pcg4d;
 use crate::recording::Recording;
 use crate::render::{Plan, PreparedScene, RenderError, Settings, scene_buffers};
 use crate::scene::Scene;
-use crate::stability::stage::{Stage, ball, cube, grey};
+use crate::stability::stage::{ball, cube, grey, stage};
 
 pub const CHECKS: &[Check] = &[Check {
     name: "watertight",
@@ -32,7 +32,7 @@ const HEAD: usize = 4;
 
 fn watertight(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     let shell =
-        |polygons: &[_]| Stage::new(glam::DVec3::ZERO, glam::DVec3::X, 60.0).of(grey(0.0)).polygons(polygons).scene();
+        |polygons: &[_]| stage(glam::DVec3::ZERO, glam::DVec3::X, 60.0).material(grey(0.0)).polygons(polygons).build();
     let (cube, ball) = (shell(&cube(0.7)), shell(&ball(glam::DVec3::splat(0.9), 24)));
     let bodies = [(&cube, BvhKind::List), (&ball, BvhKind::Bvh2), (&ball, BvhKind::Bvh4), (&ball, BvhKind::Cwbvh)];
     let mut leaks = Leaks::default();
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn leaks_and_other_hits_are_found() {
-        let body = Stage::new(glam::DVec3::ZERO, glam::DVec3::X, 60.0).of(grey(0.0)).polygons(&cube(0.7)).scene();
+        let body = stage(glam::DVec3::ZERO, glam::DVec3::X, 60.0).material(grey(0.0)).polygons(&cube(0.7)).build();
         let prepared = PreparedScene::with_bvh(&body, BvhKind::Bvh2).expect("a cube fits");
         let judged = |words: &[u32]| {
             let mut leaks = Leaks::default();
