@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn leaks_and_other_hits_are_found() {
-        let body = stage(glam::DVec3::ZERO, glam::DVec3::X, 60.0).material(grey(0.0)).polygons(&cube(0.7)).build();
+        let body = stage(glam::DVec3::ZERO, glam::DVec3::X, 60.0).material(grey(0.0)).polygons(cube(0.7)).build();
         let prepared = PreparedScene::with_bvh(&body, BvhKind::Bvh2).expect("a cube fits");
         let judged = |words: &[u32]| {
             let mut leaks = Leaks::default();

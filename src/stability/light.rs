@@ -148,9 +148,9 @@ fn lamp_size(lab: &Lab<'_>, sizes: Vec<(f64, bool)>, centre: DVec3) -> Vec<Trial
 fn enclosed(size: f64) -> Scene {
     stage(dvec3(0.3, 1.0, 2.8), DVec3::ZERO, 20.0)
         .material(grey(0.5))
-        .polygons(&ball(DVec3::ONE, 24))
+        .polygons(ball(DVec3::ONE, 24))
         .material(lamp(2.0))
-        .polygons(&inside_out(cube(size)))
+        .polygons(inside_out(cube(size)))
         .build()
 }
 

@@ -124,7 +124,7 @@ fn index(lab: &Lab<'_>, surface: Surface) -> Vec<Trial> {
     let picture = lab.picture(Integrator::Implicit, 10_000);
     let run = |(ni, required): (f64, bool)| {
         let stage = stage(dvec3(1.1, 1.3, 2.6), DVec3::ZERO, 30.0).environment(WHITE_SKY);
-        let scene = stage.material(glass(surface, ni as f32)).polygons(&cube(0.5)).build();
+        let scene = stage.material(glass(surface, ni as f32)).polygons(cube(0.5)).build();
         trial(tell(ni), required, lab.every_sample(&scene, &picture, 1e-3, |_| 1.0))
     };
     let promised = [1.0, 1.0 + 1.2e-7, 1.0 - 1.2e-7, 1.5, 0.1, 1e3];
@@ -142,7 +142,7 @@ fn critical_angle(lab: &Lab<'_>) -> Vec<Trial> {
         let scene = stage(DVec3::ZERO, towards, vfov)
             .environment(WHITE_SKY)
             .material(glass(Surface::Dielectric, NI as f32))
-            .polygons(&cube(0.5))
+            .polygons(cube(0.5))
             .build();
         trial(tell(vfov), required, lab.every_sample(&scene, &picture, 1e-5, |_| f64::from(NI as f32).powi(2)))
     };
@@ -157,7 +157,7 @@ fn internal_reflections(lab: &Lab<'_>) -> Vec<Trial> {
         let stage = stage(DVec3::ZERO, dvec3(slope, 0.0, 1.0), 1.0).environment(WHITE_SKY);
         let scene = stage
             .material(glass(Surface::Refractive, 1.5))
-            .polygons(&super::stage::cuboid(dvec3(-half, -2.0, -1.0), dvec3(half, 2.0, 1.0)));
+            .polygons(super::stage::cuboid(dvec3(-half, -2.0, -1.0), dvec3(half, 2.0, 1.0)));
         // Few of the paths that are thousands of rays long.
         let side = if required { lab.side() } else { lab.side().min(96) };
         let picture = Settings { width: side, height: side, ..lab.picture(Integrator::Implicit, 2 * count + 10) };
@@ -167,7 +167,7 @@ fn internal_reflections(lab: &Lab<'_>) -> Vec<Trial> {
 }
 
 fn in_glass(lab: &Lab<'_>) -> Vec<Trial> {
-    let body = |stage: SceneBuilder, surface| stage.material(glass(surface, NI as f32)).polygons(&cube(0.5));
+    let body = |stage: SceneBuilder, surface| stage.material(glass(surface, NI as f32)).polygons(cube(0.5));
     let squared = f64::from(NI as f32).powi(2);
     let ball = super::stage::ball(DVec3::splat(0.4), 8);
     let within = || stage(dvec3(0.02, 0.01, 0.03), DVec3::X, 40.0);
@@ -184,7 +184,7 @@ fn in_glass(lab: &Lab<'_>) -> Vec<Trial> {
         ));
         let lit = body(outside(), Surface::Refractive).material(lamp(3.0)).polygons(&ball);
         settings.push((format!("lamp, {by}"), integrator, lit, 3.0 / squared));
-        let both = body(within(), Surface::Refractive).material(lamp(3.0)).polygons(&shell());
+        let both = body(within(), Surface::Refractive).material(lamp(3.0)).polygons(shell());
         settings.push((format!("camera and lamp, {by}"), integrator, both, 3.0));
     }
     let run = |(name, integrator, stage, expected): (String, Integrator, SceneBuilder, f64)| {

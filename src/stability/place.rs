@@ -208,10 +208,8 @@ fn eye_on_surface(lab: &Lab<'_>) -> Vec<Trial> {
     ];
     let run = |((name, eye), required): ((&str, DVec3), bool)| {
         // Along the surface and away from the cube.
-        let scene = stage(eye, eye + dvec3(1.0, 0.3, 0.2), 60.0)
-            .environment(WHITE_SKY)
-            .material(grey(1.0))
-            .polygons(&cube(0.5));
+        let scene =
+            stage(eye, eye + dvec3(1.0, 0.3, 0.2), 60.0).environment(WHITE_SKY).material(grey(1.0)).polygons(cube(0.5));
         trial(name, required, lab.every_sample(&scene.build(), &picture, 1e-5, |_| 1.0))
     };
     lab.ladder(&places, &[]).into_iter().map(run).collect()

@@ -173,7 +173,7 @@ fn slivers(lab: &Lab<'_>) -> Vec<Trial> {
         let scene = stage(edge + dvec3(1.0, 1.0, 0.02), edge, vfov)
             .environment(WHITE_SKY)
             .material(grey(1.0))
-            .polygons(&bevelled_rod(FACETS, width));
+            .polygons(bevelled_rod(FACETS, width));
         trial(tell(aspect), required, lab.every_sample(&scene.build(), &picture, CLOSE, |_| 1.0))
     };
     // At 1e2 one sample of two million is lost, which no run of one seed is sure to see.
@@ -248,7 +248,7 @@ fn self_hits(lab: &Lab<'_>) -> Vec<Trial> {
         let scene = stage(turn * dvec3(0.3, 2.0, 1.6), DVec3::ZERO, 40.0)
             .environment(WHITE_SKY)
             .material(grey(1.0))
-            .polygons(&moved(body, |p| turn * p));
+            .polygons(moved(body, |p| turn * p));
         trial(tell(flatness), required, lab.every_sample(&scene.build(), &picture, CLOSE, |_| 1.0))
     };
     lab.ladder(&[1.0, 1e-1, 1e-2, 1e-3], &[1e-4, 1e-5, 1e-6, 1e-7]).into_iter().map(run).collect()
