@@ -9,6 +9,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::{env, fs, process, thread};
 
@@ -79,6 +80,7 @@ fn main() {
             process::exit(1);
         }
     };
+    forget_others(&out);
     let kernels = Table::of("shaders", &Edition::ALL, Some(&portable), &out);
     let probes = Table::of(PROBES, &[Edition::Plain], Some(&portable), &out);
     // They ask what the device itself does.
@@ -194,18 +196,34 @@ impl Table {
         let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
         let source = fs::read_to_string(path).expect("a listed shader can be read");
         writeln!(table.entries, "    Kernel {{ name: {name:?}, variants: &[").expect("strings grow");
+        // Variants that read alike are one.
+        let mut entries: BTreeMap<String, String> = BTreeMap::new();
         for (index, (edition, access)) in variants(editions).enumerate() {
             let macros: Vec<&str> = access.macro_names().chain(edition.macro_name()).chain(form).collect();
-            let built = compile(&compiler, path, &source, &macros);
-            match built.and_then(|module| check(path, &module, portable).map(|()| module)) {
-                Ok(module) => {
-                    let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
-                    fs::write(&file, to_bytes(&module)).expect("OUT_DIR can be written");
-                    let reflection = Reflection::of(&module);
-                    writeln!(table.entries, "{}", reflection.entry(&file)).expect("strings grow");
-                    table.structs.extend(reflection.structs);
-                    table.buffers.extend(reflection.buffers);
+            let options = kernel_options(&macros);
+            let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
+            let built = preprocess(&compiler, path, &source, &options).and_then(|text| {
+                if let Some(entry) = entries.get(&text) {
+                    return Ok(entry.clone());
                 }
+                let module = match kept(&file, &text) {
+                    Some(module) => module,
+                    None => {
+                        let module = compile(&compiler, path, &source, &options)?;
+                        check(path, &module, portable)?;
+                        keep(&file, &text, &module);
+                        module
+                    }
+                };
+                let reflection = Reflection::of(&module);
+                let entry = reflection.entry(&file);
+                table.structs.extend(reflection.structs);
+                table.buffers.extend(reflection.buffers);
+                entries.insert(text, entry.clone());
+                Ok(entry)
+            });
+            match built {
+                Ok(entry) => writeln!(table.entries, "{entry}").expect("strings grow"),
                 // The variants fail alike: one report a kernel is enough.
                 Err(error) if table.errors.is_empty() => table.errors.push(error),
                 Err(_) => {}
@@ -229,10 +247,7 @@ fn compile_libraries(out: &Path) -> Result<[(Library, String); 2], String> {
             .map_err(|error| error.to_string())?;
         let mut module = rspirv::dr::load_words(artifact.as_binary()).map_err(|error| format!("{path}: {error}"))?;
         // Names are what functions are found by; the source text is of no use.
-        module.debug_string_source.clear();
-        for block in module.functions.iter_mut().flat_map(|function| &mut function.blocks) {
-            block.instructions.retain(|i| !matches!(i.class.opcode, Op::Line | Op::NoLine));
-        }
+        remove_source(&mut module);
         let file = out.join(format!("{name}.spv"));
         fs::write(&file, to_bytes(&module)).expect("OUT_DIR can be written");
         let doc = format!("/// SPIR-V of `{path}`.\n");
@@ -304,9 +319,7 @@ fn compile_options(level: shaderc::OptimizationLevel) -> shaderc::CompileOptions
     options
 }
 
-/// Compiles one variant of a kernel.
-fn compile(compiler: &shaderc::Compiler, path: &Path, source: &str, macros: &[&str]) -> Result<Module, String> {
-    let path = path.to_string_lossy();
+fn kernel_options(macros: &[&str]) -> shaderc::CompileOptions<'static> {
     let mut options = compile_options(shaderc::OptimizationLevel::Performance);
     for name in macros {
         options.add_macro_definition(name, Some("1"));
@@ -320,15 +333,82 @@ fn compile(compiler: &shaderc::Compiler, path: &Path, source: &str, macros: &[&s
         let content = fs::read_to_string(&resolved_name).map_err(|error| format!("{resolved_name}: {error}"))?;
         Ok(shaderc::ResolvedInclude { resolved_name, content })
     });
-    let preprocessed = compiler.preprocess(source, &path, "main", Some(&options)).map_err(|error| error.to_string())?;
-    let preprocessed = preprocessed.as_text();
-    declares_before_it_reads(&path, &preprocessed)?;
+    options
+}
+
+/// A variant's text with its includes, and without what its macros leave out.
+fn preprocess(
+    compiler: &shaderc::Compiler,
+    path: &Path,
+    source: &str,
+    options: &shaderc::CompileOptions<'_>,
+) -> Result<String, String> {
+    let path = path.to_string_lossy();
+    let artifact = compiler.preprocess(source, &path, "main", Some(options)).map_err(|error| error.to_string())?;
+    let text = artifact.as_text();
+    declares_before_it_reads(&path, &text)?;
+    Ok(text)
+}
+
+/// Compiles one variant of a kernel.
+fn compile(
+    compiler: &shaderc::Compiler,
+    path: &Path,
+    source: &str,
+    options: &shaderc::CompileOptions<'_>,
+) -> Result<Module, String> {
+    let path = path.to_string_lossy();
     let artifact = compiler
-        .compile_into_spirv(source, shaderc::ShaderKind::Compute, &path, "main", Some(&options))
+        .compile_into_spirv(source, shaderc::ShaderKind::Compute, &path, "main", Some(options))
         .map_err(|error| error.to_string())?;
     let mut module = rspirv::dr::load_words(artifact.as_binary()).map_err(|error| format!("{path}: {error}"))?;
     keep_loops_in_variables(&mut module);
+    if env::var_os("CARGO_FEATURE_SHADER_SOURCE").is_none() {
+        remove_source(&mut module);
+    }
     Ok(module)
+}
+
+/// Takes out the source text, and the lines that instructions come from: more than half of a module, of use to
+/// profilers only.
+fn remove_source(module: &mut Module) {
+    module.debug_string_source.clear();
+    module.types_global_values.retain(|i| !matches!(i.class.opcode, Op::Line | Op::NoLine));
+    for block in module.functions.iter_mut().flat_map(|function| &mut function.blocks) {
+        block.instructions.retain(|i| !matches!(i.class.opcode, Op::Line | Op::NoLine));
+    }
+}
+
+/// The module that an earlier build made of this very text; `None` where there is none.
+fn kept(file: &Path, text: &str) -> Option<Module> {
+    let same = fs::read_to_string(file.with_extension("glsl")).is_ok_and(|kept| kept == text);
+    let bytes = fs::read(file).ok().filter(|_| same)?;
+    rspirv::dr::load_bytes(bytes).ok()
+}
+
+/// Keeps a module for [`kept`].
+fn keep(file: &Path, text: &str, module: &Module) {
+    fs::write(file, to_bytes(module)).expect("OUT_DIR can be written");
+    fs::write(file.with_extension("glsl"), text).expect("OUT_DIR can be written");
+}
+
+/// Forgets what is kept, unless the same build script made it with the same library: what they do to a module is no part
+/// of its text.
+fn forget_others(out: &Path) {
+    let script = env::current_exe().and_then(fs::read).expect("a build script can read itself");
+    let portable = fs::read(out.join("PORTABLE.spv")).expect("the library was just written");
+    let mut hasher = DefaultHasher::new();
+    (script, portable, env::var_os("CARGO_FEATURE_SHADER_SOURCE")).hash(&mut hasher);
+    let (file, stamp) = (out.join("stamp"), hasher.finish().to_string());
+    if fs::read_to_string(&file).is_ok_and(|kept| kept == stamp) {
+        return;
+    }
+    for entry in fs::read_dir(out).expect("OUT_DIR can be read").flatten() {
+        if entry.path().extension().is_some_and(|extension| extension == "glsl") {
+            fs::remove_file(entry.path()).expect("OUT_DIR can be written");
+        }
+    }
+    fs::write(file, stamp).expect("OUT_DIR can be written");
 }
 
 /// Includes that are written here, from what Rust says.

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use raywave::Renderer;
 use raywave::gpu::Device;
 use raywave::image::{WriteOptions, write_image};
-use raywave::settings::Settings;
 use raywave::scene::Scene;
+use raywave::settings::Settings;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let paths: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();

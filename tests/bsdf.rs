@@ -12,7 +12,8 @@ use raywave::oracle::optics;
 use raywave::scene::{Material, Surface};
 
 fn glossy_materials() -> Vec<Material> {
-    let glossy = |kd: [f32; 3], ks: [f32; 3], ns| Material { kd: kd.into(), ks: ks.into(), ns, ..grey() };
+    let glossy =
+        |kd: [f32; 3], ks: [f32; 3], exponent| Material { diffuse: kd.into(), specular: ks.into(), exponent, ..grey() };
     vec![
         glossy([1.0, 0.5, 0.0], [0.0; 3], 0.0),
         glossy([0.0; 3], [1.0, 0.5, 0.1], 0.0),
@@ -68,7 +69,7 @@ fn glossy_values_and_densities_are_those_of_the_formula_and_reciprocal() {
         let back = vector([answer[1].value[0], answer[1].value[1], answer[1].value[2], 0.0]);
 
         // Rounding of a cosine grows with the exponent; near a horizon the sides are a matter of rounding.
-        let tolerance = 1e-6 * (10.0 + f64::from(material.ns));
+        let tolerance = 1e-6 * (10.0 + f64::from(material.exponent));
         let sides = [geometric.dot(wo) * side, geometric.dot(wi) * side, n.dot(wi), n.dot(wo)];
         if sides.iter().any(|s| s.abs() < 1e-4) {
             continue;
@@ -124,9 +125,10 @@ fn glossy_materials_give_back_no_more_than_they_get() {
 fn specular_materials() -> Vec<Material> {
     let one = 1.0_f32;
     let indices = [1.5, 2.4, 1.0003, 0.7, one, one.next_up(), one.next_down(), 1.0 + 1e-4, 1000.0, 0.1];
-    let glass = |surface| indices.map(|ni| Material { surface, ni, tf: Vec3::new(1.0, 0.5, 0.25), ..grey() });
+    let glass =
+        |surface| indices.map(|ior| Material { surface, ior, transmission: Vec3::new(1.0, 0.5, 0.25), ..grey() });
     let mut materials = [glass(Surface::Dielectric), glass(Surface::Refractive)].concat();
-    materials.push(Material { surface: Surface::Mirror, ks: Vec3::new(1.0, 0.6, 0.3), ..grey() });
+    materials.push(Material { surface: Surface::Mirror, specular: Vec3::new(1.0, 0.6, 0.3), ..grey() });
     materials
 }
 
@@ -181,7 +183,7 @@ fn specular_directions_obey_snell_and_their_weights_conserve_energy() {
     for (index, material) in materials.iter().enumerate() {
         // The least choice takes the reflection where there is any, the greatest the refraction.
         for choice in [0.0, 1.0 - (-24_f32).exp2()] {
-            let cases = specular_cases(index, material.ni, choice);
+            let cases = specular_cases(index, material.ior, choice);
             let queries: Vec<_> = cases.iter().map(|case| case.query).collect();
             let answers: Vec<Specular> = bench.run("specular", &queries);
             for (case, answer) in cases.iter().zip(&answers) {
@@ -191,7 +193,7 @@ fn specular_directions_obey_snell_and_their_weights_conserve_energy() {
                 assert!((direction.length() - 1.0).abs() < 1e-6, "{name}: no unit vector");
                 if material.surface == Surface::Mirror {
                     assert!((direction - optics::mirrored(*n, *wo)).length() < 1e-6, "{name}");
-                    assert_eq!(answer.weight[..3], material.ks.to_array());
+                    assert_eq!(answer.weight[..3], material.specular.to_array());
                     continue;
                 }
                 // Near total reflection either side of it is right, and near grazing a range of cosines.
@@ -209,7 +211,7 @@ fn specular_directions_obey_snell_and_their_weights_conserve_energy() {
                     let along = wo - cosine * *n;
                     let expected = -along / *eta - exact * *n;
                     assert!((direction - expected).length() < 1e-6 + 2.0 * range, "{name}: not {expected}");
-                    let radiance = material.tf.as_dvec3() / (eta * eta);
+                    let radiance = material.transmission.as_dvec3() / (eta * eta);
                     assert!((weight - radiance).abs().cmple(2e-6 * radiance).all(), "{name}: not {radiance}");
                 }
             }
@@ -222,10 +224,10 @@ fn there_and_back_through_an_interface_radiance_is_the_same() {
     let (bench, materials) = bench_of(specular_materials());
     for (index, material) in materials.iter().enumerate().filter(|(_, m)| m.surface != Surface::Mirror) {
         // Under an index of 1000 all of the half space is a cone of a few roundings.
-        if material.ni > 100.0 {
+        if material.ior > 100.0 {
             continue;
         }
-        let cases: Vec<_> = specular_cases(index, material.ni, 1.0 - (-24_f32).exp2());
+        let cases: Vec<_> = specular_cases(index, material.ior, 1.0 - (-24_f32).exp2());
         let there: Vec<Specular> = bench.run("specular", &cases.iter().map(|case| case.query).collect::<Vec<_>>());
         let crossed: Vec<_> =
             cases.iter().zip(&there).filter(|(case, answer)| vector(answer.direction).dot(case.n) < -1e-3).collect();
@@ -241,7 +243,7 @@ fn there_and_back_through_an_interface_radiance_is_the_same() {
             }
             assert!((direction - case.wo).length() < 1e-6 * (1.0 + case.eta.max(1.0 / case.eta).powi(2) / case.cosine));
             for channel in 0..3 {
-                let product = there.weight[channel] * back.weight[channel] / material.tf[channel].powi(2);
+                let product = there.weight[channel] * back.weight[channel] / material.transmission[channel].powi(2);
                 assert!((product - 1.0).abs() < 1e-5, "{material:?}: {product}");
             }
         }
@@ -282,7 +284,7 @@ fn fresnel_is_the_formula_and_the_same_from_both_sides() {
 fn dielectrics_reflect_as_much_as_fresnel_says_at_every_angle() {
     let (bench, materials) = bench_of(specular_materials());
     for (index, material) in materials.iter().enumerate().filter(|(_, m)| m.surface == Surface::Dielectric) {
-        let cases = specular_cases(index, material.ni, 0.0);
+        let cases = specular_cases(index, material.ior, 0.0);
         // Bisects the choice at which the surface goes from reflection to refraction.
         let mut bounds = vec![(0.0_f32, 1.0_f32); cases.len()];
         for _ in 0..22 {
@@ -302,7 +304,7 @@ fn dielectrics_reflect_as_much_as_fresnel_says_at_every_angle() {
             let exact = case.roundings().map(|(cosine, eta)| optics::reflectance(cosine, eta));
             let (least, most) = exact.iter().fold((1.0_f64, 0.0_f64), |(least, most), r| (least.min(*r), most.max(*r)));
             let r = f64::from(*low);
-            let name = format!("{} at cosine {:e}, eta {}", material.ni, case.cosine, case.eta);
+            let name = format!("{} at cosine {:e}, eta {}", material.ior, case.cosine, case.eta);
             assert!(r > least - 2e-6 && r < most + 2e-6, "{name}: {r} is not in {least} to {most}");
         }
     }

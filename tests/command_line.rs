@@ -16,8 +16,8 @@ use glam::Vec3;
 use raywave::gpu::GpuError;
 use raywave::image::{Image, WriteOptions, image_bytes, read_image, read_metadata};
 use raywave::render::{PreparedScene, RenderError, Session};
-use raywave::settings::Settings;
 use raywave::scene::Scene;
+use raywave::settings::Settings;
 use serde_json::Value;
 use tempfile::TempDir;
 

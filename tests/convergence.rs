@@ -6,8 +6,8 @@ mod common;
 use common::{device, own_scene, render_on, tries};
 use raywave::gpu::Device;
 use raywave::image::Image;
-use raywave::settings::{Integrator, Sampler, Settings};
 use raywave::scene::Scene;
+use raywave::settings::{Integrator, Sampler, Settings};
 use raywave::stats::Moments;
 
 const SAMPLES: [u32; 4] = [4, 16, 64, 256];

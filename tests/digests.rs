@@ -14,8 +14,8 @@ use common::{assert_silent, device, gallery, is_swiftshader, own_scene, prepare,
 use raywave::bvh::{BvhKind, MAX_LISTED};
 use raywave::gpu::Device;
 use raywave::render::{Session, SessionOptions};
-use raywave::settings::{Integrator, Numerics, Sampler, Scheduler, Settings};
 use raywave::scene::Scene;
+use raywave::settings::{Integrator, Numerics, Sampler, Scheduler, Settings};
 use raywave::shaders::Forms;
 use serde::{Deserialize, Serialize};
 

@@ -292,7 +292,7 @@ fn lights_of(bench: &Bench, numbers: &[[f32; 4]]) -> Vec<([f32; 4], [f32; 4], u3
 #[test]
 fn lamps_are_read_as_they_are_written() {
     let mut scene = scene_of(&[[DVec3::ZERO, DVec3::X, DVec3::Y]; 4]);
-    scene.materials[0].ke = Vec3::ONE;
+    scene.materials[0].emission = Vec3::ONE;
     let mut bench = Bench::new(&common::device(), &scene);
     let lamp = |triangle, threshold, alias| Light { triangle, threshold, alias, unused: 0 };
     bench.scene.lights = vec![lamp(1, 0.25, 1), lamp(3, 0.5, 2), lamp(2, 0.75, 0), lamp(0, 0.125, 1)];

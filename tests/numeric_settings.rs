@@ -10,8 +10,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 use raywave::gpu::Device;
 use raywave::render::{Defaults, Footprint, Outcome, PreparedScene, Session};
-use raywave::settings::{Integrator, Offsets, PathState, Scheduler, Settings, ShadowRays};
 use raywave::scene::Scene;
+use raywave::settings::{Integrator, Offsets, PathState, Scheduler, Settings, ShadowRays};
 use raywave::stats::Moments;
 
 /// Path state and offsets that are not the default.

@@ -16,12 +16,12 @@ use common::{assert_silent, device, own_scene, prepare, project_file, render_on,
 use glam::DVec3;
 use raywave::gpu::Device;
 use raywave::image::{Image, WriteOptions, read_image, write_image};
-use raywave::settings::RouletteMode::{self, Constant, Throughput};
 use raywave::render::Session;
-use raywave::settings::Settings;
-use raywave::settings::Integrator::{self, Explicit, Implicit, Mis};
-use raywave::settings::Sampler::{self, Independent, Sobol};
 use raywave::scene::{Environment, Scene};
+use raywave::settings::Integrator::{self, Explicit, Implicit, Mis};
+use raywave::settings::RouletteMode::{self, Constant, Throughput};
+use raywave::settings::Sampler::{self, Independent, Sobol};
+use raywave::settings::Settings;
 use raywave::stats::{sidak_level, z_test};
 
 /// Probability that a right image fails.
@@ -113,7 +113,7 @@ fn replicated(device: &Device, scene: &Scene, settings: &Settings) -> (Image, Im
 
 /// Largest radiance that a light of the scene gives, in any channel.
 fn brightest_light(scene: &Scene) -> f32 {
-    let lamps = scene.materials.iter().map(|material| material.ke.max_element());
+    let lamps = scene.materials.iter().map(|material| material.emission.max_element());
     let sky = match &scene.environment {
         Environment::Black => 0.0,
         Environment::Constant(radiance) => radiance.max_element(),

@@ -11,8 +11,8 @@ use glam::DVec3;
 use raywave::constants::COUNTED_BOUNCES;
 use raywave::oracle::{Path, Reference};
 use raywave::render::Outcome;
-use raywave::settings::{Integrator, RouletteMode, Sampler, Scheduler, Settings, ShadowRays};
 use raywave::scene::Scene;
+use raywave::settings::{Integrator, RouletteMode, Sampler, Scheduler, Settings, ShadowRays};
 
 /// Largest error of a pixel, as a share of its radiance plus the image's mean. The kernels round
 /// positions and directions to 24 bits, and a path adds up such errors and divides them by cosines:

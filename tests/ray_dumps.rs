@@ -12,8 +12,8 @@ use raywave::constants::NO_TRIANGLE;
 use raywave::gpu::Device;
 use raywave::rays::{RayClass, RayOrder, RayRecord};
 use raywave::render::{PreparedScene, QueuedRays, RenderError, Replay, Session, distances};
-use raywave::settings::{Integrator, Scheduler, Settings, ShadowRays};
 use raywave::scene::Scene;
+use raywave::settings::{Integrator, Scheduler, Settings, ShadowRays};
 
 const SIZE: u32 = 20;
 const SAMPLES: u32 = 3;

@@ -21,7 +21,8 @@ use raywave::image::read_image;
 use raywave::stats::Bootstrap;
 use raywave::studies::tradeoff::{Base, Reference, ReferenceKeeper, Sweep, TradeoffReport};
 use raywave::studies::{
-    Configuration, Cpu, Measurement, Provenance, Purpose, Renderer, Report, SceneFacts, StudyError,
+    Configuration, Cpu, Envelope, Limit, Measurement, Provenance, Purpose, Renderer, Report, SceneFacts, StudyError,
+    Trial,
 };
 
 use fake_renderer::{FakeRenderer, normal, study};
@@ -545,6 +546,48 @@ addEventListener("load", () => {
   document.body.dataset.selfTest = failures.length ? failures.join("\n") : "passed";
 });
 "##;
+
+/// An envelope is exported as the reports of the other studies are.
+#[test]
+fn an_envelope_comes_in_every_format() {
+    let trial = |setting: &str, required, measured| Trial {
+        setting: setting.to_owned(),
+        required,
+        measured,
+        standard_error: 0.0,
+        checked: 1000,
+        nonfinite_samples: 0,
+        failure: String::new(),
+    };
+    let limit = Limit {
+        name: "distance",
+        driven: "how far the eye is, <radii>",
+        measure: "relative error",
+        allowed: 1e-3,
+        remark: "",
+        reduced: "",
+        trials: vec![trial("1", true, 0.0), trial("10^6, at most", true, 2e-4), trial("10^9", false, 0.5)],
+        seconds: 1.5,
+    };
+    let envelope = Envelope { level: "quick".to_owned(), limits: vec![limit], complete: true };
+    let provenance = provenance();
+    let document = Document { provenance: &provenance, report: &envelope };
+
+    let json: serde_json::Value = serde_json::from_str(&document.json()).expect("it is JSON");
+    assert_eq!(json["limits"][0]["trials"][1]["measured"], 2e-4);
+    let rows = parse_csv(&document.csv());
+    assert_eq!(rows.len(), 4, "a header and a row for each setting");
+    let column = |name: &str| rows[0].iter().position(|cell| cell == name).expect("there is such a column");
+    let cells = |name: &str| [1, 2, 3].map(|row| rows[row][column(name)].as_str());
+    assert_eq!(cells("setting"), ["1", "10^6, at most", "10^9"]);
+    assert_eq!(cells("holds"), ["true", "true", "false"]);
+    assert_eq!(cells("device"), [provenance.device.as_str(); 3]);
+    let markdown = document.markdown();
+    assert!(markdown.contains("| distance |") && markdown.contains("\\<radii>"), "{markdown}");
+    let page = document.html(&mut Page::new(0.0));
+    assert!(page.contains("Operating envelope") && page.contains("&lt;radii&gt;") && page.ends_with("</html>\n"));
+    assert!(page.contains("all that is promised holds") && page.contains("10^9"));
+}
 
 #[test]
 fn the_page_works_in_a_browser() {

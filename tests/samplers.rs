@@ -405,7 +405,8 @@ fn camera_rays_fill_their_pixels_and_the_lens() {
 // Surfaces
 
 fn materials() -> Vec<Material> {
-    let glossy = |kd: [f32; 3], ks: [f32; 3], ns| Material { kd: kd.into(), ks: ks.into(), ns, ..grey() };
+    let glossy =
+        |kd: [f32; 3], ks: [f32; 3], exponent| Material { diffuse: kd.into(), specular: ks.into(), exponent, ..grey() };
     vec![
         glossy([0.5, 0.7, 0.2], [0.0; 3], 1.0),
         glossy([0.0; 3], [1.0; 3], 0.0),
@@ -532,7 +533,7 @@ fn dielectrics_choose_by_fresnel() {
     let n = DVec3::new(-0.4, 0.1, 0.7).normalize();
     for ni in [1.5, 2.4, 1.0003, 0.7] {
         let mut scene = any_scene();
-        scene.materials = vec![Material { surface: Surface::Dielectric, ni, ..grey() }];
+        scene.materials = vec![Material { surface: Surface::Dielectric, ior: ni, ..grey() }];
         let bench = Bench::new(&device, &scene);
         for (angle, side) in
             [(0.0_f64, 1.0), (30.0, 1.0), (75.0, 1.0), (89.0, 1.0), (20.0, -1.0), (41.0, -1.0), (60.0, -1.0)]
@@ -639,7 +640,7 @@ fn lamps_are_sampled_by_area_and_weighed_by_solid_angle() {
     ];
     let mut scene = scene_of(&[&[floor()][..], &lamps[..]].concat());
     let ke = Vec3::new(3.0, 2.0, 1.0);
-    scene.materials.push(Material { ke, ..grey() });
+    scene.materials.push(Material { emission: ke, ..grey() });
     scene.mesh.triangles[1..].iter_mut().for_each(|triangle| triangle.material = 1);
     let device = common::device();
     let bench = Bench::new(&device, &scene);
@@ -863,7 +864,7 @@ fn a_constant_sky_is_sampled_by_the_cosine_and_shares_with_lamps() {
         material: 1,
         ..scene.mesh.triangles[0]
     });
-    scene.materials.push(Material { ke: Vec3::ONE, ..grey() });
+    scene.materials.push(Material { emission: Vec3::ONE, ..grey() });
     let bench = Bench::new(&device, &scene);
     let (_, answers) = ask_for_light(&bench, N, &mut random);
     let far = answers.iter().filter(|answer| answer.light == NO_TRIANGLE).count() as f64;
@@ -886,7 +887,7 @@ fn in_a_convex_room_nothing_hides_the_lamp() {
     let room = placed(&cuboid(DVec3::NEG_ONE, DVec3::ONE), turn, 3.0, DVec3::new(40.0, -20.0, 10.0));
     let inwards: Vec<_> = room.iter().map(|[a, b, c]| [*a, *c, *b]).collect();
     let mut scene = scene_of(&inwards);
-    scene.materials.push(Material { ke: Vec3::ONE, ..grey() });
+    scene.materials.push(Material { emission: Vec3::ONE, ..grey() });
     scene.mesh.triangles[10..].iter_mut().for_each(|ceiling| ceiling.material = 1);
     let bench = Bench::new(&common::device(), &scene);
     let mut random = Uniform::new(8);

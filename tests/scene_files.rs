@@ -123,9 +123,9 @@ fn defaults_are_those_of_the_format() {
     assert_eq!(scene.camera.focus, 5.0);
     assert!(matches!(scene.environment, Environment::Black));
     let material = &scene.materials[0];
-    assert_eq!((material.kd, material.ks), (Vec3::splat(0.8), Vec3::ZERO));
-    assert_eq!((material.ns, material.ni), (1.0, 1.0));
-    assert_eq!((material.tf, material.ke), (Vec3::ONE, Vec3::ZERO));
+    assert_eq!((material.diffuse, material.specular), (Vec3::splat(0.8), Vec3::ZERO));
+    assert_eq!((material.exponent, material.ior), (1.0, 1.0));
+    assert_eq!((material.transmission, material.emission), (Vec3::ONE, Vec3::ZERO));
     assert_eq!(material.surface, Surface::Glossy);
     assert!(warns(&scene, "nothing emits light"));
 }
@@ -234,9 +234,9 @@ fn one_name_in_two_files_is_two_materials_and_one_override() {
     let [a, b] = &scene.materials[..] else {
         panic!("two materials");
     };
-    assert_eq!((a.ks, b.ks), (Vec3::splat(0.1), Vec3::splat(0.2)));
-    assert_eq!((a.ns, b.ns), (9.0, 9.0));
-    assert_eq!((a.kd, b.kd), (Vec3::splat(0.5), Vec3::splat(0.5)));
+    assert_eq!((a.specular, b.specular), (Vec3::splat(0.1), Vec3::splat(0.2)));
+    assert_eq!((a.exponent, b.exponent), (9.0, 9.0));
+    assert_eq!((a.diffuse, b.diffuse), (Vec3::splat(0.5), Vec3::splat(0.5)));
     assert!(warns(&scene, "s.toml:12: no mesh uses material `typo`"));
 }
 
@@ -247,10 +247,10 @@ fn overrides_reach_every_key_and_need_no_mtl_file() {
     let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 3 2 1\n";
     let scene = scene_with(toml, obj, "");
     let a = &scene.materials[0];
-    assert_eq!((a.kd, a.ks), (vec3(0.1, 0.2, 0.3), Vec3::splat(0.4)));
-    assert_eq!((a.ns, a.ni, a.tf), (5.0, 1.6, Vec3::splat(0.7)));
+    assert_eq!((a.diffuse, a.specular), (vec3(0.1, 0.2, 0.3), Vec3::splat(0.4)));
+    assert_eq!((a.exponent, a.ior, a.transmission), (5.0, 1.6, Vec3::splat(0.7)));
     let b = &scene.materials[1];
-    assert_eq!((b.surface, b.ni), (Surface::Refractive, 1.4));
+    assert_eq!((b.surface, b.ior), (Surface::Refractive, 1.4));
     assert!(!warns(&scene, "no material"));
 }
 
@@ -263,8 +263,8 @@ fn an_override_can_take_or_give_an_image() {
             [("s.toml", toml.as_bytes()), ("m.obj", TEXTURED.as_bytes()), ("m.mtl", mtl.as_bytes()), ("t.png", &image)];
         Folder::new(&files).load("s.toml").unwrap()
     };
-    assert_eq!(load("", "newmtl a\nmap_Kd t.png\n").materials[0].map_kd, None);
-    assert_eq!(load("t.png", "newmtl a\n").materials[0].map_kd, Some(0));
+    assert_eq!(load("", "newmtl a\nmap_Kd t.png\n").materials[0].diffuse_map, None);
+    assert_eq!(load("t.png", "newmtl a\n").materials[0].diffuse_map, Some(0));
 }
 
 #[test]
@@ -405,19 +405,19 @@ fn libraries_stand_on_one_line_or_several() {
     ])
     .load("s.toml")
     .unwrap();
-    let kd: Vec<f32> = scene.materials.iter().map(|material| material.kd.x).collect();
+    let kd: Vec<f32> = scene.materials.iter().map(|material| material.diffuse.x).collect();
     assert_eq!(kd, [0.1, 0.2, 0.3]);
 }
 
 #[test]
 fn missing_libraries_and_materials_are_warnings() {
     let scene = scene_of("mtllib nowhere.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl x\nf 1 2 3\n", "");
-    assert_eq!(scene.materials[0].kd, Vec3::splat(0.8));
+    assert_eq!(scene.materials[0].diffuse, Vec3::splat(0.8));
     assert!(warns(&scene, "m.obj:1: cannot read"));
     assert!(!warns(&scene, "`x`"), "one warning is enough");
 
     let scene = scene_of("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl x\nf 1 2 3\n", "newmtl y\n");
-    assert_eq!(scene.materials[0].kd, Vec3::splat(0.8));
+    assert_eq!(scene.materials[0].diffuse, Vec3::splat(0.8));
     assert!(warns(&scene, "m.obj:5: no material `x`"));
 }
 
@@ -427,7 +427,7 @@ fn unused_materials_and_their_images_are_left_alone() {
                map_Kd nowhere.png\n";
     let scene = scene_of(TEXTURED, mtl);
     assert_eq!(scene.materials.len(), 1);
-    assert_eq!(scene.materials[0].map_kd, None);
+    assert_eq!(scene.materials[0].diffuse_map, None);
     assert!(scene.textures.is_empty() && scene.mesh.uvs.is_empty());
     let emitter = scene_of(TEXTURED, "newmtl a\nKe 1 0 0\nmap_Kd nowhere.png\n");
     assert!(emitter.materials[0].is_emitter() && emitter.textures.is_empty());
@@ -462,7 +462,7 @@ fn illum_chooses_the_surface() {
 fn one_number_is_grey_and_names_may_repeat() {
     let mtl = "newmtl a\nKd 0.25\nKe 2\nnewmtl b\nKd 1 1 1\nnewmtl a\nTf 0.5 # tint\nKe 0\n";
     let material = material_of(mtl);
-    assert_eq!((material.kd, material.tf), (Vec3::splat(0.25), Vec3::splat(0.5)));
+    assert_eq!((material.diffuse, material.transmission), (Vec3::splat(0.25), Vec3::splat(0.5)));
     assert!(!material.is_emitter());
 }
 
@@ -470,14 +470,14 @@ fn one_number_is_grey_and_names_may_repeat() {
 fn kd_and_ks_are_scaled_by_their_largest_sum() {
     let scene = scene_of(LIT_TRIANGLE, "newmtl a\nKd 0.8 0.5 0\nKs 0.8 0 0.4\n");
     let material = &scene.materials[0];
-    assert!(material.kd.distance(vec3(0.5, 0.3125, 0.0)) < 1e-6);
-    assert!(material.ks.distance(vec3(0.5, 0.0, 0.25)) < 1e-6);
+    assert!(material.diffuse.distance(vec3(0.5, 0.3125, 0.0)) < 1e-6);
+    assert!(material.specular.distance(vec3(0.5, 0.0, 0.25)) < 1e-6);
     assert!(warns(&scene, "m.mtl:1: Kd + Ks of `a` reaches 1.6"));
 
     let scene = scene_of(LIT_TRIANGLE, "newmtl a\nKd 0.9 0.7 0.6\nKs 0.1 0.3 0.4\n");
     assert!(!warns(&scene, "reaches"));
     let mirror = material_of("newmtl a\nillum 3\nKd 1 1 1\nKs 0.9 0.8 0.7\n");
-    assert_eq!((mirror.kd, mirror.ks), (Vec3::ZERO, vec3(0.9, 0.8, 0.7)));
+    assert_eq!((mirror.diffuse, mirror.specular), (Vec3::ZERO, vec3(0.9, 0.8, 0.7)));
 }
 
 #[test]
@@ -500,7 +500,7 @@ fn textured(mtl: &str, image_name: &str, image: &[u8]) -> Scene {
 fn textures_are_linear_with_row_0_on_top() {
     let image = png(2, 2, &[[255, 0, 0], [0, 255, 0], [0, 0, 255], [188, 10, 128]]);
     let scene = textured("newmtl a\nmap_Kd t.png\n", "t.png", &image);
-    assert_eq!(scene.materials[0].map_kd, Some(0));
+    assert_eq!(scene.materials[0].diffuse_map, Some(0));
     let texture = &scene.textures[0];
     assert_eq!((texture.width, texture.height), (2, 2));
     let rgb = |index: usize| {
@@ -531,7 +531,7 @@ fn image_names_come_with_blanks_slashes_and_options() {
 fn a_bright_image_shares_the_energy_rule_with_ks() {
     let image = png(2, 1, &[[255; 3], [0; 3]]);
     let scene = textured("newmtl a\nKd 1 1 1\nKs 0.25\nmap_Kd t.png\n", "t.png", &image);
-    assert!((scene.materials[0].ks.x - 0.2).abs() < 1e-6);
+    assert!((scene.materials[0].specular.x - 0.2).abs() < 1e-6);
     assert!((f32::from(scene.textures[0].texels[0][0]) - 0.8).abs() < 1e-3);
     assert!(warns(&scene, "reaches 1.25"));
 
@@ -554,9 +554,9 @@ fn faces_without_coordinates_show_kd_instead_of_the_image() {
     assert!(warns(&scene, "lack texture coordinates"));
     for triangle in &scene.mesh.triangles {
         let material = &scene.materials[triangle.material as usize];
-        assert_eq!(material.map_kd.is_some(), triangle.uvs != [NONE; 3]);
+        assert_eq!(material.diffuse_map.is_some(), triangle.uvs != [NONE; 3]);
     }
-    assert_eq!(scene.materials[1].kd, Vec3::splat(0.5));
+    assert_eq!(scene.materials[1].diffuse, Vec3::splat(0.5));
 }
 
 fn environment(file: &str, bytes: &[u8], more: &str) -> Result<Scene, SceneError> {
@@ -911,8 +911,8 @@ fn load_any(files: &[(&str, Vec<u8>)], name: &str) {
                 assert!(within(triangle.normals, scene.mesh.normals.len()));
                 assert!(within(triangle.uvs, scene.mesh.uvs.len()));
                 let material = &scene.materials[triangle.material as usize];
-                assert!((material.kd + material.ks).max_element() <= 1.0001);
-                assert!(material.map_kd.is_none_or(|map| (map as usize) < scene.textures.len()));
+                assert!((material.diffuse + material.specular).max_element() <= 1.0001);
+                assert!(material.diffuse_map.is_none_or(|map| (map as usize) < scene.textures.len()));
             }
         }
     }

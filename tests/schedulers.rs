@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use raywave::facts;
 use raywave::gpu::Device;
 use raywave::render::{Outcome, PreparedScene, RenderError, Session};
-use raywave::settings::{Integrator, Packets, RouletteMode, Sampler, Scheduler, Settings, ShadowRays};
 use raywave::scene::Scene;
+use raywave::settings::{Integrator, Packets, RouletteMode, Sampler, Scheduler, Settings, ShadowRays};
 
 const SIZE: u32 = 20;
 const SAMPLES: u32 = 3;

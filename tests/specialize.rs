@@ -9,8 +9,8 @@ use std::fs;
 use common::{device, floor, gallery, own_scene, project_file, render_on, tries};
 use rayon::prelude::*;
 use raywave::render::{Defaults, Footprint, Outcome, PreparedScene, feature_costs};
-use raywave::settings::{Integrator, RouletteMode, Sampler, Scheduler, Settings, ShadowRays};
 use raywave::scene::Scene;
+use raywave::settings::{Integrator, RouletteMode, Sampler, Scheduler, Settings, ShadowRays};
 
 /// Every scene of `scenes/` and a small gallery.
 fn all_scenes() -> Vec<Scene> {

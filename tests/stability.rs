@@ -7,8 +7,8 @@ use std::ops::ControlFlow;
 
 use common::{assert_silent, device, prepare, scene_from};
 use raywave::render::{Fault, Session, find_faults};
-use raywave::settings::{Integrator, Scheduler, Settings, ShadowRays};
 use raywave::scene::Scene;
+use raywave::settings::{Integrator, Scheduler, Settings, ShadowRays};
 use raywave::stability::{Level, plans};
 
 #[test]

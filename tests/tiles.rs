@@ -11,8 +11,8 @@ use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
 use raywave::render::{Ending, Outcome, PreparedScene, Progress, Session, SessionOptions, Statistics};
-use raywave::settings::{Scheduler, Settings};
 use raywave::scene::Scene;
+use raywave::settings::{Scheduler, Settings};
 
 const WIDTH: u32 = 24;
 const HEIGHT: u32 = 17;

@@ -14,8 +14,8 @@ use common::project::program;
 use common::{assert_silent, device, floor, own_scene, prepare, tries};
 use raywave::gpu::{Alignment, Device, Instance, Tools, TracedPass};
 use raywave::render::{DeviceTrace, Purpose, Session, Statistics};
-use raywave::settings::{Scheduler, Settings, ShadowRays, Sort};
 use raywave::scene::Scene;
+use raywave::settings::{Scheduler, Settings, ShadowRays, Sort};
 use raywave::trace::Stages;
 use serde_json::Value;
 

@@ -9,8 +9,8 @@ use common::own_scene;
 use glam::DVec3;
 use raywave::gpu::Device;
 use raywave::render::{PreparedScene, Session, SessionOptions};
-use raywave::settings::Settings;
 use raywave::scene::Scene;
+use raywave::settings::Settings;
 use raywave::shaders::Access;
 
 fn render(device: &Device, scene: &Scene, access: Access) -> (Vec<DVec3>, Vec<DVec3>, u64) {

@@ -13,8 +13,8 @@ use raywave::film::FilmMoments;
 use raywave::gpu::Device;
 use raywave::layout::WorkCount;
 use raywave::render::{Outcome, Session, SessionOptions};
-use raywave::settings::{Scheduler, Settings, ShadowRays, Sort};
 use raywave::scene::Scene;
+use raywave::settings::{Scheduler, Settings, ShadowRays, Sort};
 
 /// Schedulers, and when they trace the rays to lights.
 const SCHEDULERS: [(Scheduler, ShadowRays); 4] = [

@@ -1,4 +1,4 @@
-//! What the compiler made of kernels, as rows beside their times.
+//! Statistics of compiled kernels, as rows next to their times.
 
 use serde_json::Value;
 
@@ -19,7 +19,7 @@ pub struct Row<'a> {
     pub spirv_instructions: u64,
     /// Of the kernel, in [0, 1].
     pub occupancy: Option<f64>,
-    /// `None` where the driver does not tell.
+    /// `None` where the driver does not report it.
     pub executable: Option<&'a ExecutableRow>,
 }
 

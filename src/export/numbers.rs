@@ -81,7 +81,7 @@ pub fn estimate(estimate: &Estimate, show: impl Fn(f64) -> String) -> String {
     }
 }
 
-/// The interval alone, beside its value: `12.1–12.6`, or `too few rounds`.
+/// Only the interval, to stand next to its value: `12.1–12.6`, or `too few rounds`.
 pub fn bounds(estimate: &Estimate, show: impl Fn(f64) -> String) -> String {
     match estimate.interval {
         Some(Interval { low, high }) => format!("{}–{}", show(low), show(high)),

@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::{Image, ImageProblem, format::Format, limits::check_size, srgb};
 
 /// Reads codes of 8 or 16 bits, taken as sRGB whatever the file's colour profile says. Alpha is
-/// left aside.
+/// ignored.
 pub fn decode(format: Format, container: ImageFormat, bytes: &[u8]) -> Result<Image, ImageProblem> {
     let damaged = |error: ::image::ImageError| ImageProblem::decode(format, error);
     let mut reader = ImageReader::with_format(Cursor::new(bytes), container);

@@ -79,7 +79,7 @@ pub enum ImageProblem {
         /// Height in pixels.
         height: u64,
     },
-    /// Metadata was asked of a format that holds none here.
+    /// Metadata was requested from a format that carries none here.
     #[error("only .exr files carry metadata; name one")]
     NoMetadata,
 }

@@ -1,10 +1,9 @@
 //! OpenEXR: three `f32` channels, ZIP compressed, with metadata as text attributes.
 //!
 //! The `exr` crate keeps custom attributes in a hash map, so it neither writes them in a fixed
-//! order nor tells the order in a file. The same image would give different bytes from run to run.
-//! Text attributes therefore pass through this module's own few lines, which put them into, and
-//! take them out of, the header as the [file layout] lays it down (the crate writes one attribute of
-//! their size in their stead):
+//! order nor reports their order in a file: the same image would give different bytes from run to
+//! run. This module therefore writes and reads text attributes itself, following the [file layout];
+//! the crate writes a placeholder attribute of the same size:
 //! magic, version, (name NUL type NUL size value)*, NUL, table of chunk offsets, chunks.
 //!
 //! [file layout]: https://openexr.com/en/latest/OpenEXRFileLayout.html
@@ -37,8 +36,8 @@ const MAX_NAME: usize = 255;
 /// Text attributes that say how the file is built, not how the image was made.
 const STRUCTURAL: [&str; 2] = ["type", "name"];
 
-/// Says which rule a metadata key breaks. A dot is asked for because no standard attribute has
-/// one: a key can never change what the file means.
+/// The rule that a metadata key breaks, if any. A dot is required because no standard attribute has
+/// one, so a key can never change what the file means.
 pub fn key_fault(key: &str) -> Option<&'static str> {
     if key.len() > MAX_NAME || key.contains('\0') {
         Some("use at most 255 bytes and no NUL")
@@ -59,7 +58,7 @@ pub fn encode(file: &mut (impl Read + Write + Seek), image: &Image, metadata: &[
     });
     let records = records_of(metadata)?;
     let mut attributes = LayerAttributes::default();
-    // The longest key is the name of what stands for all of them: it says whether there are long names.
+    // The placeholder has the longest key as its name: by it the crate flags a file with long names.
     let longest = metadata.iter().map(|(key, _)| key).max_by_key(|key| key.len());
     if let Some(name) = longest {
         let bytes = vec![0; records.len() - record(name, 0).len()].into();
@@ -83,7 +82,7 @@ pub fn encode(file: &mut (impl Read + Write + Seek), image: &Image, metadata: &[
 /// Type of a text attribute.
 const STRING: &str = "string";
 
-/// Name, type and size of a text attribute of so many bytes.
+/// Name, type and size of a text attribute whose text has `size` bytes.
 fn record(key: &str, size: i32) -> Vec<u8> {
     [key.as_bytes(), b"\0", STRING.as_bytes(), b"\0", &size.to_le_bytes()].concat()
 }
@@ -170,7 +169,7 @@ fn read_name(reader: &mut impl BufRead) -> io::Result<String> {
 
 /// Reads colour from the first part that has any; `f16`, `f32` and `u32` channels, any lossless or
 /// lossy compression, scanlines or tiles. The data window becomes the image. Alpha and all other
-/// channels are left aside.
+/// channels are ignored.
 pub fn decode(bytes: &[u8]) -> Result<Image, ImageProblem> {
     let damaged = |error: exr::error::Error| ImageProblem::decode(Format::Exr, error);
     // The header first: it is small, and says whether the rest fits into memory.
@@ -214,10 +213,10 @@ fn colour_channels(channels: &AnyChannels<FlatSamples>) -> Option<[&AnyChannel<F
     let group =
         |prefix: &str| Some([find(&format!("{prefix}R"))?, find(&format!("{prefix}G"))?, find(&format!("{prefix}B"))?]);
     let luminance = || {
-        // Beside these Y is one part of a colour: of CIE XYZ, or of luminance and chroma.
+        // With these, Y is one component of a colour: of CIE XYZ, or of luminance and chroma.
         let has = |name: &&str| channels.list.iter().any(|channel| channel.name == **name);
-        let alone = !["X", "Z", "RY", "BY"].iter().any(has);
-        find("Y").filter(|_| alone).map(|y| [y; 3])
+        let is_luminance = !["X", "Z", "RY", "BY"].iter().any(has);
+        find("Y").filter(|_| is_luminance).map(|y| [y; 3])
     };
     let only_group = || {
         let mut groups = channels.list.iter().filter_map(|channel| {

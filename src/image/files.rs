@@ -13,7 +13,7 @@ use crate::whole_file;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct WriteOptions<'a> {
     /// Exposure of a PNG in stops: radiance is multiplied by 2^exposure. EXR and HDR hold radiance
-    /// itself and pay no heed.
+    /// itself and ignore it.
     pub exposure: f32,
     /// Ordered (key, text) pairs that an EXR carries as text attributes. Keys differ, contain a dot
     /// (`raywave.samples`), and have at most 255 bytes. PNG and HDR carry none.
@@ -78,7 +78,7 @@ fn check_image(path: &Path, image: &Image, options: &WriteOptions) -> Result<For
     check().map_err(|problem| problem.at(path))
 }
 
-/// Writes a file a few rows at a time: beside the image it takes no memory to speak of.
+/// Writes a file a few rows at a time, so that it needs hardly any memory beyond the image.
 fn encode(
     file: &mut (impl Read + Write + Seek),
     format: Format,
@@ -104,7 +104,7 @@ fn encode(
 /// - `.hdr`: its `EXPOSURE` is divided out.
 /// - `.png`, `.jpg`, `.tga`, `.bmp`: 8 or 16 bits, taken as sRGB whatever their colour profile says.
 ///
-/// Alpha is left aside in all of them.
+/// Alpha is ignored in all of them.
 ///
 /// # Errors
 ///

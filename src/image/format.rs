@@ -69,3 +69,28 @@ impl Format {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_contents_show_the_format() {
+        let name = |name: &str| Format::of_name(Path::new(name));
+        assert_eq!(
+            [name("a.EXR"), name("b.c.jpeg"), name("jpg"), name("a.gif")],
+            [Some(Format::Exr), Some(Format::Jpeg), None, None]
+        );
+        assert_eq!(Format::of_contents(b"#?RADIANCE\n"), Some(Format::Hdr));
+        assert_eq!(Format::of_contents(b"\x89PNG\r\n\x1a\nIHDR"), Some(Format::Png));
+        assert_eq!(Format::of_contents(b"\0\0\x02"), None, "a TGA shows nothing");
+    }
+
+    #[test]
+    fn what_is_only_read_is_not_written() {
+        for name in ["a.jpg", "a.jpeg", "a.tga", "a.bmp"] {
+            assert!(Format::of_input(Path::new(name)).is_ok());
+            assert!(matches!(Format::of_output(Path::new(name)), Err(ImageProblem::UnknownFormat { .. })), "{name}");
+        }
+    }
+}

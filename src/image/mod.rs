@@ -4,6 +4,18 @@
 //! JPEG, TGA and BMP are read. Skies and textures of scenes, renders and references all come
 //! through it, so that a file means the same wherever it is read. It knows nothing of scenes or of
 //! the GPU, and it never prints.
+//!
+//! ```
+//! use glam::Vec3;
+//! use raywave::image::{Image, WriteOptions, read_image, write_image};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("grey.exr");
+//! let image = Image::new(2, 1, vec![Vec3::ZERO, Vec3::splat(0.25)]);
+//! write_image(&path, &image, &WriteOptions::default())?;
+//! assert_eq!(read_image(&path)?, image);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod codes;
 mod error;
@@ -28,7 +40,7 @@ pub struct Image {
     /// Height in pixels.
     pub height: u32,
     /// Radiance, `width * height` entries in rows, row 0 at the top. Any `f32` may stand here, NaN
-    /// and infinity too: an image shows them to whoever looks, and hides none.
+    /// and infinity too: to hide them is not an image's business.
     pub pixels: Vec<Vec3>,
 }
 
@@ -47,7 +59,7 @@ impl Image {
         Self { width, height, pixels }
     }
 
-    /// The largest value in each channel; 0 where there is none above it.
+    /// The largest value in each channel; 0 where all are below 0 or NaN.
     pub fn brightest(&self) -> Vec3 {
         self.pixels.iter().copied().fold(Vec3::ZERO, Vec3::max)
     }

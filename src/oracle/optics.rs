@@ -13,7 +13,7 @@ pub fn mirrored(n: DVec3, wo: DVec3) -> DVec3 {
 /// Density of the Phong lobe, over all directions.
 pub fn phong_lobe(m: &Material, n: DVec3, wo: DVec3, wi: DVec3) -> f64 {
     let cosine = mirrored(n, wo).dot(wi);
-    let ns = f64::from(m.ns);
+    let ns = f64::from(m.exponent);
     if cosine > 0.0 { (ns + 1.0) / TAU * cosine.powf(ns) } else { 0.0 }
 }
 
@@ -24,7 +24,7 @@ pub fn lambert_lobe(n: DVec3, wi: DVec3) -> f64 {
 
 /// Share of the samples of a glossy material that follow its Phong lobe.
 pub fn phong_share(m: &Material) -> f64 {
-    let (kd, ks) = (m.kd.as_dvec3().element_sum(), m.ks.as_dvec3().element_sum());
+    let (kd, ks) = (m.diffuse.as_dvec3().element_sum(), m.specular.as_dvec3().element_sum());
     if ks > 0.0 { ks / (kd + ks) } else { 0.0 }
 }
 
@@ -36,7 +36,7 @@ pub fn scatter_density(m: &Material, n: DVec3, wo: DVec3, wi: DVec3) -> f64 {
 
 /// f cos of a glossy material, above the horizon of `n`.
 pub fn glossy(m: &Material, n: DVec3, wo: DVec3, wi: DVec3) -> DVec3 {
-    let f = m.kd.as_dvec3() * FRAC_1_PI + m.ks.as_dvec3() * phong_lobe(m, n, wo, wi);
+    let f = m.diffuse.as_dvec3() * FRAC_1_PI + m.specular.as_dvec3() * phong_lobe(m, n, wo, wi);
     f * n.dot(wi).max(0.0)
 }
 

@@ -11,8 +11,8 @@ use glam::{DVec2, DVec3};
 
 use super::optics;
 use super::sobol::sobol4;
-use crate::settings::{Integrator, RouletteMode, Sampler, Settings};
 use crate::scene::{Environment, Material, NONE, Scene, Surface};
+use crate::settings::{Integrator, RouletteMode, Sampler, Settings};
 
 /// A scene as paths are followed through it.
 pub struct Reference<'a> {
@@ -89,7 +89,7 @@ impl<'a> Reference<'a> {
     /// When the scene has what it does not know.
     pub fn new(scene: &'a Scene, settings: &Settings) -> Self {
         assert!(matches!(scene.environment, Environment::Black), "the reference knows black skies alone");
-        assert!(scene.materials.iter().all(|m| m.map_kd.is_none()), "the reference knows no textures");
+        assert!(scene.materials.iter().all(|m| m.diffuse_map.is_none()), "the reference knows no textures");
         let mesh = &scene.mesh;
         let facets: Vec<Facet> = mesh
             .triangles
@@ -107,7 +107,7 @@ impl<'a> Reference<'a> {
         let areas: Vec<f64> =
             emitters.iter().map(|&i| 0.5 * facets[i].edges[0].cross(facets[i].edges[1]).length()).collect();
         let brightness = |i: &usize| {
-            let ke = scene.materials[facets[*i].material].ke.as_dvec3();
+            let ke = scene.materials[facets[*i].material].emission.as_dvec3();
             ke.dot(DVec3::new(0.2126, 0.7152, 0.0722)) + 1e-3 * ke.element_sum()
         };
         let brightnesses: Vec<f64> = emitters.iter().map(brightness).collect();
@@ -162,7 +162,7 @@ impl<'a> Reference<'a> {
                         }
                         _ => 1.0,
                     };
-                    path.radiance += self.clamped(throughput * vertex.material.ke.as_dvec3() * weight, bounce);
+                    path.radiance += self.clamped(throughput * vertex.material.emission.as_dvec3() * weight, bounce);
                 }
                 break;
             }
@@ -203,7 +203,7 @@ impl<'a> Reference<'a> {
                 // In glass radiance is scaled by 1 / Ni², and will be scaled back.
                 let into_glass = matches!(vertex.material.surface, Surface::Refractive | Surface::Dielectric)
                     && self.facets[vertex.facet].normal.dot(direction) < 0.0;
-                let scale = if into_glass { f64::from(vertex.material.ni).powi(2) } else { 1.0 };
+                let scale = if into_glass { f64::from(vertex.material.ior).powi(2) } else { 1.0 };
                 let survival = (throughput.max_element() * scale).min(1.0 - roulette);
                 if stop >= survival {
                     break;
@@ -283,7 +283,7 @@ impl<'a> Reference<'a> {
         let distance = point.distance(from.position);
         let direction = (point - from.position) / distance;
         let cosine = -normal.dot(direction);
-        let ke = self.scene.materials[material].ke.as_dvec3();
+        let ke = self.scene.materials[material].emission.as_dvec3();
         // Area becomes solid angle.
         let density = self.lamp_densities[index] * distance * distance / cosine;
         (cosine > 0.0).then_some(LampSample { facet: index, direction, distance, radiance: ke / density, density })
@@ -330,14 +330,14 @@ fn scatter(vertex: &Vertex<'_>, choice: f64, u: DVec2) -> (DVec3, DVec3) {
         Surface::Glossy => {
             // What the choice leaves of the number is for the direction.
             let (by_lobe, x) = falls_below(u.x, optics::phong_share(material));
-            let (axis, exponent) = if by_lobe { (mirrored, f64::from(material.ns)) } else { (normal, 1.0) };
+            let (axis, exponent) = if by_lobe { (mirrored, f64::from(material.exponent)) } else { (normal, 1.0) };
             let wi = cosine_power(axis, exponent, DVec2::new(x, u.y));
             let weight = optics::glossy(material, normal, wo, wi) / optics::scatter_density(material, normal, wo, wi);
             (wi, weight)
         }
-        Surface::Mirror => (mirrored, material.ks.as_dvec3()),
+        Surface::Mirror => (mirrored, material.specular.as_dvec3()),
         Surface::Refractive | Surface::Dielectric => {
-            let index = f64::from(material.ni);
+            let index = f64::from(material.ior);
             let eta = if is_front { index } else { 1.0 / index };
             let cosine = wo.dot(normal);
             let Some(beyond) = optics::refracted_cosine(cosine, eta) else { return (mirrored, DVec3::ONE) };
@@ -346,7 +346,7 @@ fn scatter(vertex: &Vertex<'_>, choice: f64, u: DVec2) -> (DVec3, DVec3) {
             }
             let refracted = (cosine / eta - beyond) * normal - wo / eta;
             // Radiance scales with the square of the index.
-            (refracted.normalize(), material.tf.as_dvec3() / (eta * eta))
+            (refracted.normalize(), material.transmission.as_dvec3() / (eta * eta))
         }
     }
 }

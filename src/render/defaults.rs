@@ -211,8 +211,8 @@ impl Defaults {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::Packets;
     use crate::scene::Scene;
+    use crate::settings::Packets;
 
     /// Software of eight lanes whose loops have a limit, without one, and of four lanes.
     const LIMITED: Defaults = Defaults::LIMITED_SOFTWARE;

@@ -4,8 +4,21 @@
 //! makes the scene of it. This room knows nothing of the GPU, of BVHs or of films: everything here is
 //! in world units and, where positions are concerned, `f64`, so that the scale and place of a scene
 //! cost no precision before the renderer normalises them.
+//!
+//! ```
+//! use raywave::scene::Scene;
+//!
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("triangle.obj");
+//! std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")?;
+//! let scene = Scene::load(&path)?;
+//! assert_eq!(scene.mesh.triangles.len(), 1);
+//! assert!(scene.warnings[0].contains("white environment"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod assemble;
+mod builder;
 mod error;
 mod import;
 pub mod shapes;
@@ -15,9 +28,10 @@ mod transform;
 
 use std::path::{Path, PathBuf};
 
-use crate::settings::Settings;
+use crate::settings::{Integrator, Sampler, Settings};
 use glam::{DVec3, Vec2, Vec3};
 
+pub use builder::SceneBuilder;
 pub use error::{Location, SceneError};
 use sources::{Files, Sources};
 
@@ -48,7 +62,7 @@ pub struct Scene {
     pub mesh: Mesh,
     /// Materials that `Triangle::material` indexes.
     pub materials: Vec<Material>,
-    /// Images that `Material::map_kd` indexes.
+    /// Images that `Material::diffuse_map` indexes.
     pub textures: Vec<Texture>,
     /// Light from infinity.
     pub environment: Environment,
@@ -183,7 +197,7 @@ pub struct Triangle {
     pub material: u32,
 }
 
-/// One material, its energy rule already applied (Kd + Ks at most 1 in every channel).
+/// One material. It conserves energy: `diffuse` + `specular` is at most 1 in every channel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
     /// Name in the file that defines it.
@@ -191,29 +205,29 @@ pub struct Material {
     /// What light does at the surface.
     pub surface: Surface,
     /// Diffuse reflectance, each channel in [0, 1]; the largest that the image holds where there
-    /// is one. Zero where `surface` has no diffuse lobe, and for an emitter.
-    pub kd: Vec3,
-    /// Phong lobe weight or mirror reflectance, each channel in [0, 1]. Zero where `surface` has
-    /// neither, and for an emitter.
-    pub ks: Vec3,
-    /// Phong exponent, at least 0.
-    pub ns: f32,
-    /// Index of refraction inside, greater than 0.
-    pub ni: f32,
-    /// Tint of transmitted light, each channel at least 0.
-    pub tf: Vec3,
+    /// is one. Zero where `surface` has no diffuse lobe, and for an emitter. MTL's Kd.
+    pub diffuse: Vec3,
+    /// Weight of the Phong lobe or reflectance of the mirror, each channel in [0, 1]. Zero where
+    /// `surface` has neither, and for an emitter. MTL's Ks.
+    pub specular: Vec3,
+    /// Phong exponent, at least 0. MTL's Ns.
+    pub exponent: f32,
+    /// Index of refraction inside, greater than 0. MTL's Ni.
+    pub ior: f32,
+    /// Tint of transmitted light, each channel at least 0. MTL's Tf.
+    pub transmission: Vec3,
     /// Emitted radiance from the front side, each channel at least 0. Any channel above 0 makes
-    /// the material a pure emitter.
-    pub ke: Vec3,
-    /// Index into `Scene::textures` of the image that replaces Kd. Every triangle of such a
+    /// the material a pure emitter. MTL's Ke.
+    pub emission: Vec3,
+    /// Index into `Scene::textures` of the image that replaces `diffuse`. Every triangle of such a
     /// material has texture coordinates, and the material is [`Surface::Glossy`] and no emitter.
-    pub map_kd: Option<u32>,
+    pub diffuse_map: Option<u32>,
 }
 
 impl Material {
     /// A pure emitter: it gives light and does not reflect.
     pub fn is_emitter(&self) -> bool {
-        self.ke.max_element() > 0.0
+        self.emission.max_element() > 0.0
     }
 }
 

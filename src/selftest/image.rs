@@ -3,8 +3,8 @@
 use super::bench::Bench;
 use super::{Check, Finding, Verdict};
 use crate::render::{RenderError, Renderer};
-use crate::settings::{Scheduler, Settings};
 use crate::scene::Scene;
+use crate::settings::{Scheduler, Settings};
 
 pub const CHECKS: &[Check] = &[Check {
     name: "box",

@@ -11,9 +11,9 @@ use crate::layout::{Batch, Triangle};
 use crate::oracle::pcg4d;
 use crate::recording::Recording;
 use crate::render::{Plan, PreparedScene, RenderError, scene_buffers};
-use crate::settings::Settings;
 use crate::scene::Scene;
-use crate::stability::stage::{Stage, ball, cube, grey};
+use crate::settings::Settings;
+use crate::stability::stage::{ball, cube, grey, stage};
 
 pub const CHECKS: &[Check] = &[Check {
     name: "watertight",
@@ -33,7 +33,7 @@ const HEAD: usize = 4;
 
 fn watertight(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     let shell =
-        |polygons: &[_]| Stage::new(glam::DVec3::ZERO, glam::DVec3::X, 60.0).of(grey(0.0)).polygons(polygons).scene();
+        |polygons: &[_]| stage(glam::DVec3::ZERO, glam::DVec3::X, 60.0).material(grey(0.0)).polygons(polygons).build();
     let (cube, ball) = (shell(&cube(0.7)), shell(&ball(glam::DVec3::splat(0.9), 24)));
     let bodies = [(&cube, BvhKind::List), (&ball, BvhKind::Bvh2), (&ball, BvhKind::Bvh4), (&ball, BvhKind::Cwbvh)];
     let mut leaks = Leaks::default();
@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn leaks_and_other_hits_are_found() {
-        let body = Stage::new(glam::DVec3::ZERO, glam::DVec3::X, 60.0).of(grey(0.0)).polygons(&cube(0.7)).scene();
+        let body = stage(glam::DVec3::ZERO, glam::DVec3::X, 60.0).material(grey(0.0)).polygons(cube(0.7)).build();
         let prepared = PreparedScene::with_bvh(&body, BvhKind::Bvh2).expect("a cube fits");
         let judged = |words: &[u32]| {
             let mut leaks = Leaks::default();

@@ -6,10 +6,10 @@ use glam::{DVec3, dvec3};
 
 use super::Plan;
 use super::lab::{Lab, Measured, tell, trial};
-use super::stage::{Stage, grey, lamp};
+use super::stage::{grey, lamp, stage, stage_with_up};
 use crate::render::{RenderError, Renderer};
-use crate::settings::{Integrator, Settings};
 use crate::scene::Scene;
+use crate::settings::{Integrator, Settings};
 use crate::studies::Trial;
 
 pub const PLANS: &[Plan] = &[
@@ -71,7 +71,7 @@ pub const PLANS: &[Plan] = &[
 
 /// A view of a lamp alone.
 fn facing_a_lamp(radiance: f32) -> Scene {
-    Stage::new(DVec3::Z, DVec3::ZERO, 10.0).of(lamp(radiance)).square(DVec3::ZERO, DVec3::Z, 1.0).scene()
+    stage(DVec3::Z, DVec3::ZERO, 10.0).material(lamp(radiance)).square(DVec3::ZERO, DVec3::Z, 1.0).build()
 }
 
 fn samples(lab: &Lab<'_>) -> Vec<Trial> {
@@ -97,12 +97,12 @@ fn film_size(lab: &Lab<'_>) -> Vec<Trial> {
 fn halves(lab: &Lab<'_>, width: u32, height: u32) -> Result<Measured, RenderError> {
     let aspect = f64::from(width) / f64::from(height);
     let corner = |x: f64, y: f64| dvec3(1.1 * aspect * x, 1.1 * y, 0.0);
-    let scene = Stage::new(DVec3::Z, DVec3::ZERO, 90.0)
-        .of(lamp(1.0))
+    let scene = stage(DVec3::Z, DVec3::ZERO, 90.0)
+        .material(lamp(1.0))
         .polygon(&[corner(-1.0, 1.0), corner(-1.0, -1.0), corner(1.0, 1.0)])
-        .of(lamp(2.0))
+        .material(lamp(2.0))
         .polygon(&[corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0)])
-        .scene();
+        .build();
     let settings = Settings { width, height, samples: 1, ..lab.picture(Integrator::Implicit, 0) };
     let mut session = Renderer::new(lab.device)?.session(&scene, &settings)?;
     let (mut row, mut wrong) = (0, 0);
@@ -152,12 +152,12 @@ fn vfov(lab: &Lab<'_>, angles: Vec<(f64, bool)>, steps_back: bool) -> Vec<Trial>
             ]
         };
         let stripes: Vec<_> = (-3..3).map(stripe).collect();
-        let scene = Stage::new(distance * towards, DVec3::ZERO, angle)
-            .of(lamp(1.0))
+        let scene = stage(distance * towards, DVec3::ZERO, angle)
+            .material(lamp(1.0))
             .polygons(&stripes)
-            .of(grey(0.0))
+            .material(grey(0.0))
             .square(-towards, towards, 4.0 * half)
-            .scene();
+            .build();
         trial(tell(angle), required, lab.against_paths(&scene, &picture, (&scene, 1.0), false))
     };
     angles.into_iter().map(run).collect()
@@ -175,12 +175,11 @@ fn up(lab: &Lab<'_>) -> Vec<Trial> {
             0.5 * (cos * u + sin * v)
         };
         let disc: Vec<DVec3> = (0..SIDES).map(corner).collect();
-        let scene = Stage::new(towards, DVec3::ZERO, 90.0)
-            .up(angle.cos() * towards + angle.sin() * u)
-            .of(lamp(1.0))
+        let scene = stage_with_up(towards, DVec3::ZERO, 90.0, angle.cos() * towards + angle.sin() * u)
+            .material(lamp(1.0))
             .polygon(&disc);
         // A disc of radius 1/2 in a view of 2 x 2.
-        trial(tell(angle), required, lab.mean(&scene.scene(), &picture, std::f64::consts::PI / 16.0))
+        trial(tell(angle), required, lab.mean(&scene.build(), &picture, std::f64::consts::PI / 16.0))
     };
     lab.ladder(&[1.0, 1e-6, 1e-12, 1e-15, 0.0], &[]).into_iter().map(run).collect()
 }

@@ -9,8 +9,8 @@ use crate::gpu::Device;
 use crate::oracle::Reference;
 use crate::rays::{RayClass, RayRecord};
 use crate::render::{PreparedScene, RenderError, Renderer, Replay};
-use crate::settings::{Integrator, Settings};
 use crate::scene::Scene;
+use crate::settings::{Integrator, Settings};
 use crate::stats::{mean, standard_error};
 use crate::studies::Trial;
 

@@ -7,9 +7,9 @@ use glam::{DVec3, Vec3, dvec3};
 
 use super::Plan;
 use super::lab::{Lab, tell, trial};
-use super::stage::{Stage, ball, cube, grey, inside_out, lamp};
-use crate::settings::{Integrator, Settings};
+use super::stage::{ball, cube, grey, inside_out, lamp, stage};
 use crate::scene::{Environment, EnvironmentMap, Scene};
+use crate::settings::{Integrator, Settings};
 use crate::studies::Trial;
 
 pub const PLANS: &[Plan] = &[
@@ -94,7 +94,7 @@ fn emission(lab: &Lab<'_>) -> Vec<Trial> {
     let picture = lab.picture(Integrator::Explicit, 8);
     let run = |(factor, required): (f64, bool)| {
         let mut scene = original.clone();
-        scene.materials.iter_mut().for_each(|m| m.ke *= factor as f32);
+        scene.materials.iter_mut().for_each(|m| m.emission *= factor as f32);
         trial(tell(factor), required, lab.against_paths(&scene, &picture, (&original, factor), true))
     };
     let low = lab.ladder(&[1.0, 1e-10, 1e-20, 1e-30], &[1e-36]);
@@ -105,17 +105,17 @@ fn emission_both(lab: &Lab<'_>) -> Vec<Trial> {
     let picture = lab.picture(Integrator::Implicit, 1);
     let run = |(ratio, required): (f64, bool)| {
         let [bright, dim] = [ratio.sqrt(), 1.0 / ratio.sqrt()].map(|ke| ke as f32);
-        let scene = Stage::new(dvec3(0.0, 0.8, 4.0), dvec3(0.0, 0.3, 0.0), 50.0)
-            .of(grey(0.8))
+        let scene = stage(dvec3(0.0, 0.8, 4.0), dvec3(0.0, 0.3, 0.0), 50.0)
+            .material(grey(0.8))
             .square(-1.5 * DVec3::X, DVec3::Y, 1.4)
             .square(1.5 * DVec3::X, DVec3::Y, 1.4)
-            .of(grey(0.0))
+            .material(grey(0.0))
             .square(DVec3::ZERO, DVec3::X, 3.0)
-            .of(lamp(bright))
+            .material(lamp(bright))
             .square(dvec3(-1.5, 1.2, 0.0), -DVec3::Y, 1.0)
-            .of(lamp(dim))
+            .material(lamp(dim))
             .square(dvec3(1.5, 1.2, 0.0), -DVec3::Y, 1.0)
-            .scene();
+            .build();
         trial(tell(ratio), required, lab.against_paths(&scene, &picture, (&scene, 1.0), true))
     };
     lab.ladder(&[1.0, 1e20, 1e40, 1e60], &[1e70, 1e75]).into_iter().map(run).collect()
@@ -129,13 +129,13 @@ fn lamp_size(lab: &Lab<'_>, sizes: Vec<(f64, bool)>, centre: DVec3) -> Vec<Trial
         let (turned, half) = (dvec3(0.8, 0.0, 0.6), 0.5 * size);
         let (a, b) = (half * turned, half * dvec3(-0.6, 0.0, 0.8));
         let under = centre - 0.5 * DVec3::Y;
-        let scene = Stage::new(under + dvec3(0.1, 0.3, 0.0), under, 1e-6)
-            .of(grey(1.0))
+        let scene = stage(under + dvec3(0.1, 0.3, 0.0), under, 1e-6)
+            .material(grey(1.0))
             .square(-0.5 * DVec3::Y, DVec3::Y, 0.5)
             .square(0.5 * DVec3::Y, -DVec3::Y, 0.5)
-            .of(lamp(ke as f32))
+            .material(lamp(ke as f32))
             .polygon(&[centre - a - b, centre + a - b, centre + a + b, centre - a + b])
-            .scene();
+            .build();
         // Ke, its area, the squared distance of 1/2, and the Lambert floor.
         let small = f64::from(ke as f32) * size * size / (0.25 * PI);
         // The lamp's extent takes the share of size² / d² times two thirds off.
@@ -146,12 +146,12 @@ fn lamp_size(lab: &Lab<'_>, sizes: Vec<(f64, bool)>, centre: DVec3) -> Vec<Trial
 }
 
 fn enclosed(size: f64) -> Scene {
-    Stage::new(dvec3(0.3, 1.0, 2.8), DVec3::ZERO, 20.0)
-        .of(grey(0.5))
-        .polygons(&ball(DVec3::ONE, 24))
-        .of(lamp(2.0))
-        .polygons(&inside_out(cube(size)))
-        .scene()
+    stage(dvec3(0.3, 1.0, 2.8), DVec3::ZERO, 20.0)
+        .material(grey(0.5))
+        .polygons(ball(DVec3::ONE, 24))
+        .material(lamp(2.0))
+        .polygons(inside_out(cube(size)))
+        .build()
 }
 
 fn enclosing_lamp(lab: &Lab<'_>) -> Vec<Trial> {
@@ -178,12 +178,12 @@ fn many_lamps(lab: &Lab<'_>) -> Vec<Trial> {
             .map(|cell| (cell / cells, cell % cells))
             .map(|(i, j)| vec![at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)])
             .collect();
-        let scene = Stage::new(dvec3(0.2, 0.5, 0.0), DVec3::ZERO, 1e-3)
-            .of(grey(1.0))
+        let scene = stage(dvec3(0.2, 0.5, 0.0), DVec3::ZERO, 1e-3)
+            .material(grey(1.0))
             .square(DVec3::ZERO, DVec3::Y, 1.0)
-            .of(lamp(1.0))
+            .material(lamp(1.0))
             .polygons(&quads)
-            .scene();
+            .build();
         // Four corners of side 1 at distance 1 from a point under their common corner. (Howell, catalogue of
         // configuration factors, B-3)
         let exact = 4.0 / PI * (1.0 / 2.0_f64.sqrt()) * (1.0 / 2.0_f64.sqrt()).atan();
@@ -202,11 +202,11 @@ fn bright_texel(lab: &Lab<'_>) -> Vec<Trial> {
         let exact = 0.5 * irradiance(&texels, width, height) / PI;
         let path = PathBuf::from("sky");
         let map = EnvironmentMap { path, width: width as u32, height: height as u32, radiance: texels };
-        let scene = Stage::new(2.0 * DVec3::Y, DVec3::ZERO, 20.0)
-            .sky(Environment::LatLong(map))
-            .of(grey(0.5))
+        let scene = stage(2.0 * DVec3::Y, DVec3::ZERO, 20.0)
+            .environment(Environment::LatLong(map))
+            .material(grey(0.5))
             .square(DVec3::ZERO, DVec3::Y, 1.0)
-            .scene();
+            .build();
         trial(tell(radiance), required, lab.mean(&scene, &picture, exact))
     };
     lab.ladder(&[1.0, 1e3, 1e6], &[1e12, 1e20, 1e30]).into_iter().map(run).collect()

@@ -4,9 +4,9 @@ use glam::{DVec3, dvec3};
 
 use super::Plan;
 use super::lab::{Lab, tell, trial};
-use super::stage::{Stage, cube, glass, gloss, grey, inside_out, lamp};
+use super::stage::{WHITE_SKY, cube, glass, gloss, grey, inside_out, lamp, stage};
+use crate::scene::{SceneBuilder, Surface};
 use crate::settings::{Integrator, Settings};
-use crate::scene::Surface;
 use crate::studies::Trial;
 
 pub const PLANS: &[Plan] = &[
@@ -123,8 +123,8 @@ pub const PLANS: &[Plan] = &[
 fn index(lab: &Lab<'_>, surface: Surface) -> Vec<Trial> {
     let picture = lab.picture(Integrator::Implicit, 10_000);
     let run = |(ni, required): (f64, bool)| {
-        let stage = Stage::new(dvec3(1.1, 1.3, 2.6), DVec3::ZERO, 30.0).white_sky();
-        let scene = stage.of(glass(surface, ni as f32)).polygons(&cube(0.5)).scene();
+        let stage = stage(dvec3(1.1, 1.3, 2.6), DVec3::ZERO, 30.0).environment(WHITE_SKY);
+        let scene = stage.material(glass(surface, ni as f32)).polygons(cube(0.5)).build();
         trial(tell(ni), required, lab.every_sample(&scene, &picture, 1e-3, |_| 1.0))
     };
     let promised = [1.0, 1.0 + 1.2e-7, 1.0 - 1.2e-7, 1.5, 0.1, 1e3];
@@ -139,11 +139,11 @@ fn critical_angle(lab: &Lab<'_>) -> Vec<Trial> {
     let run = |(vfov, required): (f64, bool)| {
         let sine = 1.0 / f64::from(NI as f32);
         let towards = dvec3(sine, 0.0, -(1.0 - sine * sine).sqrt());
-        let scene = Stage::new(DVec3::ZERO, towards, vfov)
-            .white_sky()
-            .of(glass(Surface::Dielectric, NI as f32))
-            .polygons(&cube(0.5))
-            .scene();
+        let scene = stage(DVec3::ZERO, towards, vfov)
+            .environment(WHITE_SKY)
+            .material(glass(Surface::Dielectric, NI as f32))
+            .polygons(cube(0.5))
+            .build();
         trial(tell(vfov), required, lab.every_sample(&scene, &picture, 1e-5, |_| f64::from(NI as f32).powi(2)))
     };
     lab.ladder(&[60.0, 1.0, 1e-3, 1e-6], &[1e-9]).into_iter().map(run).collect()
@@ -154,37 +154,42 @@ fn internal_reflections(lab: &Lab<'_>) -> Vec<Trial> {
         // Steep enough to be reflected by the sides, flat enough to leave by the end.
         let slope = 30_f64.to_radians().tan();
         let half = 0.5 * slope / f64::from(count);
-        let stage = Stage::new(DVec3::ZERO, dvec3(slope, 0.0, 1.0), 1.0).white_sky();
+        let stage = stage(DVec3::ZERO, dvec3(slope, 0.0, 1.0), 1.0).environment(WHITE_SKY);
         let scene = stage
-            .of(glass(Surface::Refractive, 1.5))
-            .polygons(&super::stage::cuboid(dvec3(-half, -2.0, -1.0), dvec3(half, 2.0, 1.0)));
+            .material(glass(Surface::Refractive, 1.5))
+            .polygons(super::stage::cuboid(dvec3(-half, -2.0, -1.0), dvec3(half, 2.0, 1.0)));
         // Few of the paths that are thousands of rays long.
         let side = if required { lab.side() } else { lab.side().min(96) };
         let picture = Settings { width: side, height: side, ..lab.picture(Integrator::Implicit, 2 * count + 10) };
-        trial(count, required, lab.every_sample(&scene.scene(), &picture, 1e-3, |_| 2.25))
+        trial(count, required, lab.every_sample(&scene.build(), &picture, 1e-3, |_| 2.25))
     };
     lab.ladder(&[10, 100, 1000], &[3000, 10_000]).into_iter().map(run).collect()
 }
 
 fn in_glass(lab: &Lab<'_>) -> Vec<Trial> {
-    let body = |stage: Stage, surface| stage.of(glass(surface, NI as f32)).polygons(&cube(0.5));
+    let body = |stage: SceneBuilder, surface| stage.material(glass(surface, NI as f32)).polygons(cube(0.5));
     let squared = f64::from(NI as f32).powi(2);
     let ball = super::stage::ball(DVec3::splat(0.4), 8);
-    let within = || Stage::new(dvec3(0.02, 0.01, 0.03), DVec3::X, 40.0);
-    let outside = || Stage::new(dvec3(0.0, 0.0, 3.0), DVec3::ZERO, 5.0);
+    let within = || stage(dvec3(0.02, 0.01, 0.03), DVec3::X, 40.0);
+    let outside = || stage(dvec3(0.0, 0.0, 3.0), DVec3::ZERO, 5.0);
     let shell = || inside_out(super::stage::ball(DVec3::splat(0.45), 8));
     let mut settings = Vec::new();
     for integrator in [Integrator::Implicit, Integrator::Explicit] {
         let by = format!("{integrator:?}").to_lowercase();
-        settings.push((format!("camera, {by}"), integrator, body(within().white_sky(), Surface::Refractive), squared));
-        let lit = body(outside(), Surface::Refractive).of(lamp(3.0)).polygons(&ball);
+        settings.push((
+            format!("camera, {by}"),
+            integrator,
+            body(within().environment(WHITE_SKY), Surface::Refractive),
+            squared,
+        ));
+        let lit = body(outside(), Surface::Refractive).material(lamp(3.0)).polygons(&ball);
         settings.push((format!("lamp, {by}"), integrator, lit, 3.0 / squared));
-        let both = body(within(), Surface::Refractive).of(lamp(3.0)).polygons(&shell());
+        let both = body(within(), Surface::Refractive).material(lamp(3.0)).polygons(shell());
         settings.push((format!("camera and lamp, {by}"), integrator, both, 3.0));
     }
-    let run = |(name, integrator, stage, expected): (String, Integrator, Stage, f64)| {
+    let run = |(name, integrator, stage, expected): (String, Integrator, SceneBuilder, f64)| {
         let picture = lab.picture(integrator, 100);
-        trial(name, true, lab.every_sample(&stage.scene(), &picture, 1e-5, |_| expected))
+        trial(name, true, lab.every_sample(&stage.build(), &picture, 1e-5, |_| expected))
     };
     settings.into_iter().map(run).collect()
 }
@@ -192,11 +197,11 @@ fn in_glass(lab: &Lab<'_>) -> Vec<Trial> {
 fn gloss_under_sky(lab: &Lab<'_>) -> Vec<Trial> {
     let picture = Settings { samples: lab.by_level(16, 64, 256), ..lab.picture(Integrator::Implicit, 1) };
     let run = |(ns, required): (f64, bool)| {
-        let scene = Stage::new(2.0 * DVec3::Y, DVec3::ZERO, 0.1)
-            .white_sky()
-            .of(gloss(ns as f32))
+        let scene = stage(2.0 * DVec3::Y, DVec3::ZERO, 0.1)
+            .environment(WHITE_SKY)
+            .material(gloss(ns as f32))
             .square(DVec3::ZERO, DVec3::Y, 1.0)
-            .scene();
+            .build();
         trial(tell(ns), required, lab.mean(&scene, &picture, (ns + 1.0) / (ns + 2.0)))
     };
     lab.ladder(&[0.0, 1.0, 1e3, 1e6, 1e21], &[3e38]).into_iter().map(run).collect()
@@ -223,14 +228,14 @@ fn gloss_shape(lab: &Lab<'_>, integrator: Integrator, promised: &[f64], beyond: 
         let front = (disc[1] - disc[0]).cross(disc[2] - disc[0]).dot(mirrored) < 0.0;
         let disc = if front { disc } else { disc.into_iter().rev().collect() };
         // The middle of the scene lies in the lamp, where positions have the most digits.
-        let scene = Stage::new(dvec3(-0.6, 0.8, 0.0), DVec3::ZERO, 1e-9)
-            .of(gloss(ns as f32))
+        let scene = stage(dvec3(-0.6, 0.8, 0.0), DVec3::ZERO, 1e-9)
+            .material(gloss(ns as f32))
             .square(DVec3::ZERO, DVec3::Y, 0.1)
-            .of(grey(0.0))
+            .material(grey(0.0))
             .square(2.0 * mirrored, -DVec3::Y, 0.1)
-            .of(lamp(1.0))
+            .material(lamp(1.0))
             .polygon(&disc)
-            .scene();
+            .build();
         // f cos / pdf is the cosine of the direction: near the axis's own, 0.8, for narrow lobes.
         let exact = expected_cosine(ns, angle);
         trial(tell(ns), required, lab.mean(&scene, &picture, exact))
@@ -245,7 +250,7 @@ fn expected_cosine(ns: f64, angle: f64) -> f64 {
 }
 
 /// A closed room whose ceiling holds a lamp of that share of all walls.
-fn room(kd: f32, share: f64) -> Stage {
+fn room(kd: f32, share: f64) -> SceneBuilder {
     let half = 0.5 * (6.0 * share).sqrt();
     let places = [-0.5, -half, half, 0.5];
     // Nine fields, so that corners meet corners alone; the middle one is the lamp.
@@ -255,11 +260,11 @@ fn room(kd: f32, share: f64) -> Stage {
     };
     let around: Vec<_> = (0..9).filter(|n| *n != 4).map(|n| field(n / 3, n % 3)).collect();
     let walls: Vec<_> = inside_out(cube(0.5)).into_iter().filter(|wall| wall.iter().any(|p| p.y < 0.0)).collect();
-    Stage::new(dvec3(0.1, -0.1, 0.3), dvec3(0.0, -0.4, -0.2), 60.0)
-        .of(grey(kd))
+    stage(dvec3(0.1, -0.1, 0.3), dvec3(0.0, -0.4, -0.2), 60.0)
+        .material(grey(kd))
         .polygons(&walls)
         .polygons(&around)
-        .of(lamp(1.0))
+        .material(lamp(1.0))
         .polygon(&field(1, 1))
 }
 
@@ -272,14 +277,14 @@ fn long_paths(lab: &Lab<'_>, bounces: u32) -> Settings {
 fn white_room(lab: &Lab<'_>) -> Vec<Trial> {
     let run = |(bounces, required): (u32, bool)| {
         let picture = long_paths(lab, bounces);
-        trial(bounces, required, lab.every_sample(&room(1.0, 2e-3).scene(), &picture, 1e-6, |_| 1.0))
+        trial(bounces, required, lab.every_sample(&room(1.0, 2e-3).build(), &picture, 1e-6, |_| 1.0))
     };
     lab.ladder(&[10_000], &[]).into_iter().map(run).collect()
 }
 
 fn albedo(lab: &Lab<'_>) -> Vec<Trial> {
     let run = |(loss, required): (f64, bool)| {
-        let scene = room((1.0 - loss) as f32, 2e-2).scene();
+        let scene = room((1.0 - loss) as f32, 2e-2).build();
         trial(tell(loss), required, lab.mean_of_paths(&scene, &long_paths(lab, 10_000)))
     };
     lab.ladder(&[0.5, 1e-3, 1e-6], &[]).into_iter().map(run).collect()
@@ -299,8 +304,8 @@ fn roulette(lab: &Lab<'_>) -> Vec<Trial> {
 fn roulette_bias(lab: &Lab<'_>) -> Vec<Trial> {
     let picture = Settings { samples: lab.by_level(64, 256, 1024), ..lab.picture(Integrator::Implicit, 1) };
     let run = |(q, required): (f64, bool)| {
-        let scene = Stage::new(2.0 * DVec3::Y, DVec3::ZERO, 20.0).white_sky().of(grey(0.5));
-        let scene = scene.square(DVec3::ZERO, DVec3::Y, 1.0).scene();
+        let scene = stage(2.0 * DVec3::Y, DVec3::ZERO, 20.0).environment(WHITE_SKY).material(grey(0.5));
+        let scene = scene.square(DVec3::ZERO, DVec3::Y, 1.0).build();
         trial(tell(q), required, lab.mean(&scene, &Settings { roulette: q, ..picture }, 0.5))
     };
     lab.ladder(&[0.0, 0.5, 0.9, 0.999], &[0.999_999]).into_iter().map(run).collect()

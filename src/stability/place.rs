@@ -4,7 +4,7 @@ use glam::{DVec3, dvec3};
 
 use super::Plan;
 use super::lab::{Lab, tell, trial};
-use super::stage::{Stage, ball, cube, grey, lamp, mapped, moved};
+use super::stage::{WHITE_SKY, ball, cube, grey, lamp, mapped, moved, stage, stage_with_up};
 use crate::scene::Scene;
 use crate::settings::Integrator;
 use crate::studies::Trial;
@@ -109,13 +109,13 @@ fn translation(lab: &Lab<'_>) -> Vec<Trial> {
 /// A ball of that radius at `centre` between two black floors.
 fn ball_between_floors(radius: f64, centre: DVec3) -> Scene {
     let body = moved(ball(DVec3::splat(radius), 12), |p| p + centre);
-    Stage::new(centre + 4.0 * radius * dvec3(0.48, 0.6, 0.64), centre, 40.0)
-        .of(grey(0.0))
+    stage(centre + 4.0 * radius * dvec3(0.48, 0.6, 0.64), centre, 40.0)
+        .material(grey(0.0))
         .square(0.5 * DVec3::Y, -DVec3::Y, 0.5)
         .square(-0.5 * DVec3::Y, DVec3::Y, 0.5)
-        .of(lamp(1.0))
+        .material(lamp(1.0))
         .polygons(&body)
-        .scene()
+        .build()
 }
 
 fn balls(lab: &Lab<'_>, sizes: Vec<(f64, bool)>, centre: DVec3) -> Vec<Trial> {
@@ -141,12 +141,12 @@ fn gap(lab: &Lab<'_>) -> Vec<Trial> {
     let run = |(distance, required): (f64, bool)| {
         // The plate in front fills the view and hides a brighter one.
         let vfov = 2.0 * (0.2 / distance).atan().to_degrees();
-        let scene = Stage::new(distance * towards, DVec3::ZERO, vfov)
-            .of(lamp(1.0))
+        let scene = stage(distance * towards, DVec3::ZERO, vfov)
+            .material(lamp(1.0))
             .square(5e-6 * towards, towards, 0.35)
-            .of(lamp(2.0))
+            .material(lamp(2.0))
             .square(-5e-6 * towards, towards, 0.35)
-            .scene();
+            .build();
         trial(tell(distance), required, lab.every_sample(&scene, &picture, 1e-6, |_| 1.0))
     };
     lab.ladder(&[1.0, 1e2, 1e4, 1e6, 1e9], &[1e12, 1e15]).into_iter().map(run).collect()
@@ -165,11 +165,10 @@ fn grazing_view(lab: &Lab<'_>) -> Vec<Trial> {
     let run = |(angle, required): (f64, bool)| {
         // The middle of the view meets the middle of the plane.
         let eye = -along + angle * normal;
-        let scene = Stage::new(eye, DVec3::ZERO, (0.3 * angle).to_degrees())
-            .up(normal)
-            .of(lamp(1.0))
+        let scene = stage_with_up(eye, DVec3::ZERO, (0.3 * angle).to_degrees(), normal)
+            .material(lamp(1.0))
             .square(DVec3::ZERO, normal, 1.0)
-            .scene();
+            .build();
         trial(tell(angle), required, lab.every_sample(&scene, &picture, 1e-6, |_| 1.0))
     };
     lab.ladder(&[1e-1, 1e-2, 1e-4, 1e-6], &[1e-7, 1e-8]).into_iter().map(run).collect()
@@ -186,13 +185,13 @@ fn grazing_light(lab: &Lab<'_>) -> Vec<Trial> {
         // One triangle: of two in a plane, one blocks some rays to the other where the lamp is this small.
         let a = half * to_lamp.any_orthonormal_vector();
         let b = a.cross(to_lamp);
-        let scene = Stage::new(normal - to_lamp, -to_lamp, 1e-7)
-            .of(grey(1.0))
+        let scene = stage(normal - to_lamp, -to_lamp, 1e-7)
+            .material(grey(1.0))
             .square(-to_lamp, normal, 0.5)
             .square(to_lamp, normal, 0.5)
-            .of(lamp((1.0 / (half * half)) as f32))
+            .material(lamp((1.0 / (half * half)) as f32))
             .polygon(&[-a - b, a - b, b - a])
-            .scene();
+            .build();
         let ke = f64::from((1.0 / (half * half)) as f32);
         let exact = ke * 2.0 * half * half * angle.sin() / std::f64::consts::PI;
         trial(tell(angle), required, lab.mean(&scene, &picture, exact))
@@ -210,8 +209,9 @@ fn eye_on_surface(lab: &Lab<'_>) -> Vec<Trial> {
     ];
     let run = |((name, eye), required): ((&str, DVec3), bool)| {
         // Along the surface and away from the cube.
-        let scene = Stage::new(eye, eye + dvec3(1.0, 0.3, 0.2), 60.0).white_sky().of(grey(1.0)).polygons(&cube(0.5));
-        trial(name, required, lab.every_sample(&scene.scene(), &picture, 1e-5, |_| 1.0))
+        let scene =
+            stage(eye, eye + dvec3(1.0, 0.3, 0.2), 60.0).environment(WHITE_SKY).material(grey(1.0)).polygons(cube(0.5));
+        trial(name, required, lab.every_sample(&scene.build(), &picture, 1e-5, |_| 1.0))
     };
     lab.ladder(&places, &[]).into_iter().map(run).collect()
 }

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3, dvec3};
 
 use super::Plan;
 use super::lab::{CLOSE, Lab, tell, trial};
-use super::stage::{Stage, ball, bevelled_rod, cube, grey, lamp, moved};
+use super::stage::{WHITE_SKY, ball, bevelled_rod, cube, grey, lamp, moved, stage};
 use crate::bvh::BvhKind;
 use crate::constants::NO_TRIANGLE;
 use crate::rays::RayRecord;
@@ -73,7 +73,7 @@ pub const PLANS: &[Plan] = &[
 
 /// A body around the origin, as rays inside see it: black.
 fn shell(polygons: &[Vec<DVec3>]) -> Scene {
-    Stage::new(DVec3::ZERO, DVec3::X, 60.0).of(grey(0.0)).polygons(polygons).scene()
+    stage(DVec3::ZERO, DVec3::X, 60.0).material(grey(0.0)).polygons(polygons).build()
 }
 
 fn edges(lab: &Lab<'_>) -> Vec<Trial> {
@@ -171,11 +171,11 @@ fn slivers(lab: &Lab<'_>) -> Vec<Trial> {
         let edge = dvec3(0.5, 0.5, 0.0);
         let view = 0.5 * f64::from(FACETS) * width;
         let vfov = 2.0 * (view / 2.0_f64.sqrt()).atan().to_degrees();
-        let scene = Stage::new(edge + dvec3(1.0, 1.0, 0.02), edge, vfov)
-            .white_sky()
-            .of(grey(1.0))
-            .polygons(&bevelled_rod(FACETS, width));
-        trial(tell(aspect), required, lab.every_sample(&scene.scene(), &picture, CLOSE, |_| 1.0))
+        let scene = stage(edge + dvec3(1.0, 1.0, 0.02), edge, vfov)
+            .environment(WHITE_SKY)
+            .material(grey(1.0))
+            .polygons(bevelled_rod(FACETS, width));
+        trial(tell(aspect), required, lab.every_sample(&scene.build(), &picture, CLOSE, |_| 1.0))
     };
     // At 1e2 one sample of two million is lost, which no run of one seed is sure to see.
     lab.ladder(&[1e1], &[1e2, 1e3, 1e4, 1e5, 1e6, 1e7]).into_iter().map(run).collect()
@@ -190,14 +190,14 @@ fn sliver_lamp(lab: &Lab<'_>) -> Vec<Trial> {
         let ke = (1.0 / (length * width)) as f32;
         let along = 0.5 * length * dvec3(0.8, 0.0, 0.6);
         let across = 0.5 * width * dvec3(-0.6, 0.0, 0.8);
-        let scene = Stage::new(dvec3(0.3, 1.0, 0.0), dvec3(0.0, -1.0, 0.0), 1e-6)
-            .of(grey(1.0))
+        let scene = stage(dvec3(0.3, 1.0, 0.0), dvec3(0.0, -1.0, 0.0), 1e-6)
+            .material(grey(1.0))
             .square(-DVec3::Y, DVec3::Y, 0.5)
             .square(DVec3::Y, -DVec3::Y, 0.5)
-            .of(lamp(ke))
+            .material(lamp(ke))
             .polygon(&[-along - across, along - across, along + across, across - along]);
         let exact = f64::from(ke) * length * width / std::f64::consts::PI;
-        trial(tell(aspect), required, lab.mean(&scene.scene(), &picture, exact))
+        trial(tell(aspect), required, lab.mean(&scene.build(), &picture, exact))
     };
     lab.ladder(&[1e1, 1e3, 1e5], &[1e6, 1e7, 1e8, 1e9]).into_iter().map(run).collect()
 }
@@ -233,8 +233,9 @@ fn degenerate(lab: &Lab<'_>) -> Vec<Trial> {
     let run = |((name, added), required): ((&str, &Vec<Vec<DVec3>>), bool)| {
         let eye = if name.starts_with("overlapping") { middle.normalize() * 3.0 } else { dvec3(0.3, 1.0, 3.0) };
         let vfov = if name.starts_with("overlapping") { 8.0 } else { 40.0 };
-        let stage = Stage::new(eye, DVec3::ZERO, vfov).white_sky().of(grey(1.0)).polygons(&body).polygons(added);
-        trial(name, required, lab.every_sample(&stage.scene(), &picture, 1e-5, |_| 1.0))
+        let stage =
+            stage(eye, DVec3::ZERO, vfov).environment(WHITE_SKY).material(grey(1.0)).polygons(&body).polygons(added);
+        trial(name, required, lab.every_sample(&stage.build(), &picture, 1e-5, |_| 1.0))
     };
     lab.ladder(&settings, &[]).into_iter().map(run).collect()
 }
@@ -245,11 +246,11 @@ fn self_hits(lab: &Lab<'_>) -> Vec<Trial> {
     let run = |(flatness, required): (f64, bool)| {
         let body = ball(dvec3(1.0, flatness, 1.0), 24);
         let turn = glam::DQuat::from_axis_angle(dvec3(0.6, 0.0, 0.8), 0.7);
-        let scene = Stage::new(turn * dvec3(0.3, 2.0, 1.6), DVec3::ZERO, 40.0)
-            .white_sky()
-            .of(grey(1.0))
-            .polygons(&moved(body, |p| turn * p));
-        trial(tell(flatness), required, lab.every_sample(&scene.scene(), &picture, CLOSE, |_| 1.0))
+        let scene = stage(turn * dvec3(0.3, 2.0, 1.6), DVec3::ZERO, 40.0)
+            .environment(WHITE_SKY)
+            .material(grey(1.0))
+            .polygons(moved(body, |p| turn * p));
+        trial(tell(flatness), required, lab.every_sample(&scene.build(), &picture, CLOSE, |_| 1.0))
     };
     lab.ladder(&[1.0, 1e-1, 1e-2, 1e-3], &[1e-4, 1e-5, 1e-6, 1e-7]).into_iter().map(run).collect()
 }

@@ -1,125 +1,40 @@
-//! Small scenes, built in memory.
+//! Small scenes, built in memory, and the bodies that they are built of.
 
 use glam::{DVec3, Vec3, dvec3};
 
-use crate::scene::{Camera, Environment, Material, Mesh, NONE, RenderDefaults, Scene, Surface, Triangle, shapes};
+use crate::scene::{Camera, Environment, Material, Scene, SceneBuilder, Surface, shapes};
 
-/// A scene in the making: fronts are where corners run counter-clockwise.
-#[derive(Clone)]
-pub struct Stage {
-    camera: Camera,
-    environment: Environment,
-    materials: Vec<Material>,
-    mesh: Mesh,
+/// A sky of radiance 1.
+pub const WHITE_SKY: Environment = Environment::Constant(Vec3::ONE);
+
+/// A scene of which there is nothing yet, seen from `eye`.
+pub fn stage(eye: DVec3, target: DVec3, vfov: f64) -> SceneBuilder {
+    SceneBuilder::new(Camera::pinhole(eye, target, vfov))
 }
 
-/// A black surface, which the others are told by their difference to.
-fn black() -> Material {
-    Material {
-        name: String::new(),
-        surface: Surface::Glossy,
-        kd: Vec3::ZERO,
-        ks: Vec3::ZERO,
-        ns: 1.0,
-        ni: 1.0,
-        tf: Vec3::ONE,
-        ke: Vec3::ZERO,
-        map_kd: None,
-    }
+/// The same with another up direction.
+pub fn stage_with_up(eye: DVec3, target: DVec3, vfov: f64, up: DVec3) -> SceneBuilder {
+    SceneBuilder::new(Camera { up, ..Camera::pinhole(eye, target, vfov) })
 }
 
 /// A diffuse surface.
-pub fn grey(kd: f32) -> Material {
-    Material { kd: Vec3::splat(kd), ..black() }
+pub fn grey(reflectance: f32) -> Material {
+    Material::diffuse(Vec3::splat(reflectance))
 }
 
-/// A lamp.
-pub fn lamp(ke: f32) -> Material {
-    Material { ke: Vec3::splat(ke), ..black() }
+/// An emitter.
+pub fn lamp(radiance: f32) -> Material {
+    Material::emitter(Vec3::splat(radiance))
 }
 
 /// A Phong lobe that loses nothing.
-pub fn gloss(ns: f32) -> Material {
-    Material { ks: Vec3::ONE, ns, ..black() }
+pub fn gloss(exponent: f32) -> Material {
+    Material::phong(Vec3::ZERO, Vec3::ONE, exponent)
 }
 
-/// What light can enter.
-pub fn glass(surface: Surface, ni: f32) -> Material {
-    Material { surface, ni, ..black() }
-}
-
-impl Stage {
-    /// Nothing yet, seen from `eye`.
-    pub fn new(eye: DVec3, target: DVec3, vfov: f64) -> Self {
-        let along = (target - eye).normalize();
-        let up = if along.y.abs() > 0.999 { DVec3::Z } else { DVec3::Y };
-        let camera = Camera { eye, target, up, vfov, aperture: 0.0, focus: 1.0 };
-        Self { camera, environment: Environment::Black, materials: Vec::new(), mesh: Mesh::default() }
-    }
-
-    /// Another up direction.
-    pub fn up(mut self, up: DVec3) -> Self {
-        self.camera.up = up;
-        self
-    }
-
-    /// Light from infinity.
-    pub fn sky(mut self, environment: Environment) -> Self {
-        self.environment = environment;
-        self
-    }
-
-    /// A sky of radiance 1.
-    pub fn white_sky(self) -> Self {
-        self.sky(Environment::Constant(Vec3::ONE))
-    }
-
-    /// What the following is made of.
-    pub fn of(mut self, material: Material) -> Self {
-        self.materials.push(material);
-        self
-    }
-
-    /// A convex polygon.
-    pub fn polygon(mut self, corners: &[DVec3]) -> Self {
-        let first = self.mesh.positions.len() as u32;
-        let material = self.materials.len() as u32 - 1;
-        self.mesh.positions.extend(corners);
-        for i in 2..corners.len() as u32 {
-            let positions = [first, first + i - 1, first + i];
-            self.mesh.triangles.push(Triangle { positions, normals: [NONE; 3], uvs: [NONE; 3], material });
-        }
-        self
-    }
-
-    /// Convex polygons.
-    pub fn polygons(self, polygons: &[Vec<DVec3>]) -> Self {
-        polygons.iter().fold(self, |stage, polygon| stage.polygon(polygon))
-    }
-
-    /// A square of half side `half` about `centre`, its front towards `normal`.
-    pub fn square(self, centre: DVec3, normal: DVec3, half: f64) -> Self {
-        let a = half * normal.any_orthonormal_vector();
-        let b = normal.cross(a);
-        self.polygon(&[centre - a - b, centre + a - b, centre + a + b, centre - a + b])
-    }
-
-    /// The scene.
-    pub fn scene(self) -> Scene {
-        Scene {
-            name: "stability".to_owned(),
-            camera: self.camera,
-            width: 1,
-            height: 1,
-            defaults: RenderDefaults::default(),
-            mesh: self.mesh,
-            materials: self.materials,
-            textures: Vec::new(),
-            environment: self.environment,
-            hash: String::new(),
-            warnings: Vec::new(),
-        }
-    }
+/// A surface that transmits light.
+pub fn glass(surface: Surface, ior: f32) -> Material {
+    Material { surface, ..Material::dielectric(ior) }
 }
 
 /// A box with its fronts outwards.

@@ -1,8 +1,8 @@
 //! Energy: furnaces, in which nothing can be seen, and a lamp in a closed sphere.
 
 use glam::{DVec3, dvec3};
-use raywave::settings::{RouletteMode, Sampler, Settings};
 use raywave::settings::Integrator::Implicit;
+use raywave::settings::{RouletteMode, Sampler, Settings};
 
 use crate::check::*;
 use crate::common::{device, own_scene, render_on, tries};

@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 
 use glam::{DQuat, DVec3, dvec3};
 use raywave::image::{Image, WriteOptions, write_image};
-use raywave::settings::Settings;
 use raywave::settings::Integrator::{Explicit, Implicit, Mis};
+use raywave::settings::Settings;
 use tempfile::tempdir;
 
 use crate::check::*;

@@ -1,4 +1,5 @@
-//! Builds small scenes as the texts of their files.
+//! Builds small scenes as the texts of their files, so that closed forms hold the importers to the
+//! physics too.
 
 use std::fmt::Write;
 use std::path::Path;

@@ -14,8 +14,8 @@ use raywave::Renderer;
 use raywave::gallery::generate_gallery;
 use raywave::gpu::{Device, Instance};
 use raywave::render::{Outcome, PreparedScene};
-use raywave::settings::Settings;
 use raywave::scene::Scene;
+use raywave::settings::Settings;
 
 /// Vulkan under validation, or without where `RAYWAVE_NO_VALIDATION` is set, for machines that lack the layer.
 pub fn instance() -> Arc<Instance> {

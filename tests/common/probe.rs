@@ -10,8 +10,8 @@ use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription}
 use raywave::layout::{Batch, Control};
 use raywave::recording::Recording;
 use raywave::render::{Defaults, Plan, PreparedScene, scene_buffers};
+use raywave::scene::{Camera, Material, Scene, SceneBuilder, Surface};
 use raywave::settings::Settings;
-use raywave::scene::{Camera, Environment, Material, Mesh, RenderDefaults, Scene, Surface, Triangle};
 use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Forms, Kernel, Library, Variant};
 use raywave::stats::SplitMix64;
 
@@ -103,25 +103,8 @@ impl Bench {
 
 /// A scene of triangles that all have one material, with all else at its plainest.
 pub fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {
-    let none = [raywave::scene::NONE; 3];
-    let corners = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
-    Scene {
-        name: "probe".into(),
-        camera: Camera { eye: DVec3::Z, target: DVec3::ZERO, up: DVec3::Y, vfov: 60.0, aperture: 0.0, focus: 1.0 },
-        width: 1,
-        height: 1,
-        defaults: RenderDefaults::default(),
-        mesh: Mesh {
-            positions: triangles.as_flattened().to_vec(),
-            triangles: corners.map(|positions| Triangle { positions, normals: none, uvs: none, material: 0 }).collect(),
-            ..Mesh::default()
-        },
-        materials: vec![grey()],
-        textures: Vec::new(),
-        environment: Environment::Black,
-        hash: String::new(),
-        warnings: Vec::new(),
-    }
+    let camera = Camera::pinhole(DVec3::Z, DVec3::ZERO, 60.0);
+    SceneBuilder::new(camera).resolution(1, 1).material(grey()).polygons(triangles).build()
 }
 
 /// A triangle for probes that need no scene.
@@ -143,13 +126,13 @@ pub fn grey() -> Material {
     Material {
         name: "grey".into(),
         surface: Surface::Glossy,
-        kd: Vec3::splat(0.5),
-        ks: Vec3::ZERO,
-        ns: 0.0,
-        ni: 1.0,
-        tf: Vec3::ONE,
-        ke: Vec3::ZERO,
-        map_kd: None,
+        diffuse: Vec3::splat(0.5),
+        specular: Vec3::ZERO,
+        exponent: 0.0,
+        ior: 1.0,
+        transmission: Vec3::ONE,
+        emission: Vec3::ZERO,
+        diffuse_map: None,
     }
 }
 

@@ -303,12 +303,12 @@ fn scene_article(number: usize, scene: &SceneReport, colours: &KernelColours, im
     let lanes = |c: &CombinationReport| c.counters.as_ref()?.active_lane_share();
     let counted: Vec<_> = timed.iter().filter_map(|c| Some((*c, lanes(c)?))).collect();
     if let Some(&(first, share)) = counted.first() {
-        // Beside the first the one that differs most from it: others differ in what lanes do not see.
+        // Next to the first, the one that differs most from it: the others differ in what lanes do not see.
         let apart = |&&(_, other): &&(&CombinationReport, f64)| (other - share).abs();
         let other = counted[1..].iter().max_by(|a, b| apart(a).total_cmp(&apart(b)));
         let panels: Vec<_> = [Some(first), other.map(|other| other.0)].into_iter().flatten().collect();
         html += &format!(
-            "<figure><figcaption>Share of lanes at work{}</figcaption>{}</figure>\n",
+            "<figure><figcaption>Share of active lanes{}</figcaption>{}</figure>\n",
             legend(STAGES.map(|stage| (colours.class(stage), stage)).into_iter()),
             plots::lanes(&panels, colours)
         );
@@ -446,7 +446,7 @@ fn stage_work(report: &Report) -> String {
     table("Work of the stages", &columns, &rows)
 }
 
-/// What the compiler made of each kernel, beside its time.
+/// Statistics of each compiled kernel, next to its time.
 fn compiled_kernels(report: &Report) -> String {
     let combinations = report.scenes.iter().flat_map(|scene| &scene.combinations);
     let all: Vec<_> = combinations.flat_map(compiled::kernels).collect();
@@ -477,7 +477,7 @@ fn compiled_kernels(report: &Report) -> String {
     let untold = if all.iter().all(|row| row.executable.is_none()) { compiled::UNTOLD } else { "" };
     format!(
         "<section id=\"compiled\"><h2>Compiled</h2>\n<p>What the compiler made of each kernel, in pipelines that nothing \
-         runs: instructions of the specialised SPIR-V, and what the driver tells, by its own names. Beside it the kernel's \
+         runs: instructions of the specialised SPIR-V, and what the driver reports, by its own names, next to the kernel's \
          time in the median run. Occupancy is the share of a multiprocessor's warps for which there are registers. \
          {untold}</p>\n{}</section>\n",
         table("Compiled kernels of all combinations", &columns, &rows)
@@ -541,7 +541,7 @@ fn caveats(report: &Report) -> String {
     format!("<section id=\"caveats\"><h2>Caveats</h2>\n<ul>\n{items}</ul></section>\n")
 }
 
-/// What is to be known of the study beside its provenance.
+/// Entries of the provenance that only a comparison has.
 fn entries(report: &Report) -> Vec<(String, String)> {
     let until = report.rounds.until.map_or_else(String::new, |share| {
         format!(", until every interval is narrower than {} % of its value", significant(100.0 * share, 2))

@@ -41,11 +41,11 @@ pub struct Frame<'a> {
     pub unfinished: Option<&'a str>,
     /// Sentences of HTML.
     pub findings: Vec<String>,
-    /// Rules beside those of all pages.
+    /// CSS rules in addition to those of all pages.
     pub style: &'a str,
     /// The sections.
     pub main: String,
-    /// Names and texts beside the provenance that all studies have.
+    /// Names and texts in addition to the provenance that all studies have.
     pub provenance: Vec<(String, String)>,
 }
 
@@ -92,7 +92,7 @@ fn provenance_section(provenance: &Provenance, more: Vec<(String, String)>) -> S
         ("Vulkan", provenance.vulkan_version.clone()),
         ("subgroup", lanes),
         ("processor", provenance.cpu.as_ref().map_or_else(String::new, ToString::to_string)),
-        ("clocks", provenance.clocks.clone().unwrap_or_else(|| "not told".to_owned())),
+        ("clocks", provenance.clocks.clone().unwrap_or_else(|| "not reported".to_owned())),
     ]
     .map(|(name, text)| (name.to_owned(), text));
     let settings = provenance.settings.iter().map(|(key, value)| (key.clone(), plain(value)));

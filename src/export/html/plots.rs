@@ -1,4 +1,4 @@
-//! The plots of the page. Every axis has a unit, and every mark tells its numbers when pointed at.
+//! The plots of the page. Every axis has a unit, and every mark shows its numbers when pointed at.
 
 use super::svg::{Anchor, Axis, Spacing, Svg, logarithmic_ticks};
 use crate::export::numbers::{Unit, count, estimate, grouped, ratio, seconds};
@@ -213,7 +213,7 @@ pub fn bounces(measurement: &Measurement, colours: &KernelColours) -> String {
     svg.finish("Items in the queues and time of the kernels over the bounces")
 }
 
-/// Share of lanes at work over the bounces, a line for each stage, a panel for each of two
+/// Share of active lanes over the bounces, a line for each stage, a panel for each of two
 /// combinations at most.
 pub fn lanes(combinations: &[&CombinationReport], colours: &KernelColours) -> String {
     let (top, bottom, gap) = (22.0, 222.0, 70.0);
@@ -224,7 +224,7 @@ pub fn lanes(combinations: &[&CombinationReport], colours: &KernelColours) -> St
         let last = stages.clone().map(|work| work.bounce).max().unwrap_or(0);
         let x = bounce_axis(last, left, left + panel);
         let y = Axis::from_zero(100.0, bottom, top);
-        frame(&mut svg, &x, &y, &format!("Lanes at work, %: {}", combination.label));
+        frame(&mut svg, &x, &y, &format!("Active lanes, %: {}", combination.label));
         for stage in ["extend", "shade", "connect"] {
             let class = colours.class(stage);
             let points: Vec<_> = stages
@@ -240,7 +240,7 @@ pub fn lanes(combinations: &[&CombinationReport], colours: &KernelColours) -> St
             }
         }
     }
-    svg.finish("Share of lanes at work over the bounces")
+    svg.finish("Share of active lanes over the bounces")
 }
 
 fn bounce_axis(last: u32, start: f64, end: f64) -> Axis {

@@ -28,7 +28,7 @@ impl Cell {
         Self { html, key: escape(key), class: "" }
     }
 
-    /// The interval of the number, beside it and smaller. Without one its place stays empty, so that
+    /// The interval of the number, next to it and smaller. Without one its place stays empty, so that
     /// the numbers of a column stand below each other.
     pub fn with_interval(mut self, interval: Option<String>) -> Self {
         self.html += &match interval {

@@ -164,8 +164,8 @@ fn knobs(report: &TradeoffReport) -> String {
     };
     let rows: Vec<_> = report.knobs.iter().map(row).collect();
     format!(
-        "<section id=\"knobs\"><h2>Knobs</h2>\n<p>Each knob turned alone, at {} samples per pixel. Time to equal variance is \
-         what it costs beside more samples in the base: below 1 it buys more than it costs. A bias stays whatever the \
+        "<section id=\"knobs\"><h2>Knobs</h2>\n<p>Each knob turned by itself, at {} samples per pixel. Time to equal variance is \
+         what it costs compared with more samples in the base: below 1 it buys more than it costs. A bias stays whatever the \
          samples, so that a biased knob pays above some error only.</p>\n{}</section>\n",
         report.base_samples,
         table("What each knob is worth", &columns, &rows)
@@ -224,7 +224,7 @@ fn points(report: &TradeoffReport) -> String {
     )
 }
 
-/// The reference, and beside it each image of the front.
+/// The reference next to each image of the front.
 fn images(report: &TradeoffReport, page: &mut PageImages<'_>) -> String {
     let Some(reference) = report.reference_image() else { return String::new() };
     let mut options = String::new();
@@ -260,7 +260,7 @@ fn images(report: &TradeoffReport, page: &mut PageImages<'_>) -> String {
     }
 }
 
-/// What is to be known of the sweep beside its provenance.
+/// Entries of the provenance that only a sweep has.
 fn entries(report: &TradeoffReport) -> Vec<(String, String)> {
     let facts = &report.facts;
     let method = format!(

@@ -58,7 +58,7 @@ impl AreaLights {
                 0.5 * (b - a).cross(c - a).length()
             })
             .collect();
-        let brightnesses: Vec<f64> = originals().map(|original| brightness(material(original).ke)).collect();
+        let brightnesses: Vec<f64> = originals().map(|original| brightness(material(original).emission)).collect();
         let area: f64 = areas.iter().sum();
         let power: f64 = areas.iter().zip(&brightnesses).map(|(area, brightness)| area * brightness).sum();
         if lights.len() > MAX_CELLS {

@@ -16,7 +16,7 @@ const MAX_EXPONENT: f32 = 1e12;
 
 pub(super) fn pack_material(material: &scene::Material, headers: &[u32], radiance_scale: f64) -> Material {
     Material {
-        kd: material.kd.to_array(),
+        kd: material.diffuse.to_array(),
         surface: if material.is_emitter() {
             SURFACE_EMITTER
         } else {
@@ -27,12 +27,12 @@ pub(super) fn pack_material(material: &scene::Material, headers: &[u32], radianc
                 Surface::Dielectric => SURFACE_DIELECTRIC,
             }
         },
-        ks: material.ks.to_array(),
-        ns: material.ns.min(MAX_EXPONENT),
-        ke: scaled(material.ke, radiance_scale),
-        ni: material.ni,
-        tf: material.tf.to_array(),
-        map_kd: material.map_kd.map_or(0, |texture| headers[texture as usize] + 1),
+        ks: material.specular.to_array(),
+        ns: material.exponent.min(MAX_EXPONENT),
+        ke: scaled(material.emission, radiance_scale),
+        ni: material.ior,
+        tf: material.transmission.to_array(),
+        map_kd: material.diffuse_map.map_or(0, |texture| headers[texture as usize] + 1),
     }
 }
 
@@ -65,7 +65,7 @@ pub(super) fn pack_coordinates(mesh: &scene::Mesh) -> Vec<Vec2> {
 /// All images that some triangle shows in one buffer, and where each begins.
 pub(super) fn pack_textures(scene: &Scene) -> (Vec<[u32; 2]>, Vec<u32>) {
     let shown: HashSet<u32> = (scene.materials.iter().zip(used_materials(scene)))
-        .filter_map(|(material, used)| material.map_kd.filter(|_| used))
+        .filter_map(|(material, used)| material.diffuse_map.filter(|_| used))
         .collect();
     let mut words = Vec::new();
     let mut headers = Vec::new();

@@ -8,7 +8,8 @@ use crate::scene::{Environment, Scene};
 /// The power of two that scales the geometric mean of the brightest and the dimmest light to about 1, so that the sums and
 /// squares of samples stay clear of both ends of `f32`. It rounds nothing.
 pub(super) fn radiance_scale(scene: &Scene) -> f64 {
-    let area_lights = scene.materials.iter().zip(used_materials(scene)).filter(|(_, used)| *used).map(|(m, _)| m.ke);
+    let area_lights =
+        scene.materials.iter().zip(used_materials(scene)).filter(|(_, used)| *used).map(|(m, _)| m.emission);
     let environment = match &scene.environment {
         Environment::Black => Vec3::ZERO,
         Environment::Constant(radiance) => *radiance,

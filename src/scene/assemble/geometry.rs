@@ -12,53 +12,54 @@ use crate::scene::{
 };
 
 impl Mesh {
-    /// Adds the triangles of `source` that have an area, once for each transform, and returns how
-    /// many have none. Texture coordinates come along where a material has an image.
-    pub(super) fn add<'a>(
+    /// Adds the triangles of `imported` that have an area, once for each transform. Returns how many
+    /// were left out because they have none. Texture coordinates come along where a material has an image.
+    pub(super) fn add_instances<'a>(
         &mut self,
-        source: &import::Mesh,
+        imported: &import::Mesh,
         transforms: impl Iterator<Item = &'a Transform>,
         materials: &mut Materials,
         sources: &mut Sources,
     ) -> Result<usize, SceneError> {
         let material_of = |triangle: &Triangle| {
             let has_uvs = triangle.uvs[0] != NONE;
-            materials.index(triangle.material, has_uvs, &source.location, sources)
+            materials.index(triangle.material, has_uvs, &imported.location, sources)
         };
-        let triangle_materials: Vec<u32> = source.triangles.iter().map(material_of).collect::<Result<_, _>>()?;
-        let shows_image = |material: u32| materials.made()[material as usize].map_kd.is_some();
+        let triangle_materials: Vec<u32> = imported.triangles.iter().map(material_of).collect::<Result<_, _>>()?;
+        let shows_image = |material: u32| materials.made()[material as usize].diffuse_map.is_some();
 
         // Texture coordinates are the same for all instances.
         let first_uv = self.uvs.len();
         if triangle_materials.iter().any(|&material| shows_image(material)) {
-            self.uvs.extend(&source.uvs);
+            self.uvs.extend(&imported.uvs);
         }
         let mut without_area = 0;
         for transform in transforms {
             let first_position = self.positions.len();
-            for &point in &source.positions {
+            for &point in &imported.positions {
                 let point = transform.point(point);
                 // Written so that NaN is too far as well.
                 if !point.abs().cmple(DVec3::splat(FARTHEST)).all() {
                     let problem = format!("a vertex lands beyond {FARTHEST:e}; scale the mesh down");
-                    return Err(source.location.refuse(problem));
+                    return Err(imported.location.refuse(problem));
                 }
                 self.positions.push(point);
             }
             // The new index of each normal, NONE where it is no direction.
-            let mut normals = Vec::with_capacity(source.normals.len());
-            for &normal in &source.normals {
+            let mut normals = Vec::with_capacity(imported.normals.len());
+            for &normal in &imported.normals {
                 let normal = transform.normal(normal);
                 normals.push(normal.map_or(NONE, |_| self.normals.len() as u32));
                 self.normals.extend(normal);
             }
-            let counts = [self.positions.len(), self.normals.len(), self.uvs.len(), self.triangles.len()];
-            if counts.iter().any(|&count| count >= NONE as usize - source.triangles.len()) {
+            let triangles = self.triangles.len() + imported.triangles.len();
+            let counts = [self.positions.len(), self.normals.len(), self.uvs.len(), triangles];
+            if counts.iter().any(|&count| count >= NONE as usize) {
                 let problem = "more vertices or triangles than 32-bit indices reach; use smaller meshes";
-                return Err(source.location.refuse(problem));
+                return Err(imported.location.refuse(problem));
             }
 
-            for (triangle, &material) in source.triangles.iter().zip(&triangle_materials) {
+            for (triangle, &material) in imported.triangles.iter().zip(&triangle_materials) {
                 let positions = triangle.positions.map(|index| first_position as u32 + index);
                 let [a, b, c] = positions.map(|index| self.positions[index as usize]);
                 if is_degenerate(a, b, c) {

@@ -90,13 +90,13 @@ impl Materials {
         let import::Material { name, location, surface, diffuse, specular, emission, .. } = &self.described[described];
         // The energy rule holds for the largest value that an image has in each channel.
         let diffuse = shown.map_or(*diffuse, |image| self.reflectances[&image].brightest());
-        let (kd, ks) = match surface {
+        let (diffuse, specular) = match surface {
             _ if *emission != Vec3::ZERO => (Vec3::ZERO, Vec3::ZERO),
             Surface::Glossy => (diffuse, *specular),
             Surface::Mirror => (Vec3::ZERO, *specular),
             Surface::Refractive | Surface::Dielectric => (Vec3::ZERO, Vec3::ZERO),
         };
-        let largest = (kd + ks).max_element();
+        let largest = (diffuse + specular).max_element();
         let scale = 1.0 / largest.max(1.0);
         if scale < 0.9999 {
             sources.warn(format!(
@@ -110,13 +110,13 @@ impl Materials {
         Ok(Material {
             name: material.name.clone(),
             surface: material.surface,
-            kd: kd * scale,
-            ks: ks * scale,
-            ns: material.exponent,
-            ni: material.ior,
-            tf: material.transmission,
-            ke: material.emission,
-            map_kd: shown.map(|image| self.texture(image, scale)),
+            diffuse: diffuse * scale,
+            specular: specular * scale,
+            exponent: material.exponent,
+            ior: material.ior,
+            transmission: material.transmission,
+            emission: material.emission,
+            diffuse_map: shown.map(|image| self.texture(image, scale)),
         })
     }
 

@@ -32,12 +32,15 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
     let mut without_area = 0;
     instances.sort_by_key(|instance| instance.mesh);
     let mut instances = &instances[..];
-    for (index, source) in meshes.into_iter().enumerate() {
+    for (index, imported) in meshes.into_iter().enumerate() {
         let count = instances.iter().take_while(|instance| instance.mesh == index).count();
         let (own, rest) = instances.split_at(count);
         instances = rest;
+        if own.is_empty() {
+            continue;
+        }
         let transforms = own.iter().map(|instance| &instance.transform);
-        without_area += mesh.add(&source, transforms, &mut materials, &mut sources)?;
+        without_area += mesh.add_instances(&imported, transforms, &mut materials, &mut sources)?;
     }
     if mesh.triangles.is_empty() {
         return Err(location.refuse("no triangle has an area; check scale and the mesh"));

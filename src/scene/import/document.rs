@@ -4,6 +4,7 @@ use std::{
     collections::{BTreeMap, HashMap},
     ops::Range,
     path::{Path, PathBuf},
+    str::FromStr,
 };
 
 use glam::{DVec3, Vec3};
@@ -15,8 +16,14 @@ use super::{
     mtl::{Definition, portable},
     obj,
 };
-use crate::scene::{Camera, RenderDefaults, error::{Location, SceneError}, sources::Sources, text::{excerpt, name, one_line}, transform::Transform};
-use crate::settings::{Integrator, Sampler};
+use crate::scene::{
+    Camera, RenderDefaults,
+    error::{Location, SceneError},
+    sources::Sources,
+    text::{excerpt, name, one_line},
+    transform::Transform,
+};
+use crate::settings::Named;
 
 /// Imports a scene file with the meshes that it names.
 pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, SceneError> {
@@ -302,29 +309,23 @@ impl Reader<'_> {
         Ok(*value.get_ref() as u32)
     }
 
+    /// Reads a choice among names.
+    fn choice<T: Named + FromStr>(&self, key: &str, value: &Spanned<String>) -> Result<T, SceneError> {
+        value.get_ref().parse().map_err(|_| {
+            let names: Vec<String> = T::names().iter().map(|name| format!("`{}`", name.name)).collect();
+            let (last, others) = names.split_last().expect("a choice has names");
+            let problem = format!("no {key} `{}`; take {} or {last}", one_line(value.get_ref()), others.join(", "));
+            self.refuse(&value.span(), problem)
+        })
+    }
+
     fn defaults(&self, raw: &RawRender) -> Result<RenderDefaults, SceneError> {
         let mut defaults = RenderDefaults::default();
         if let Some(integrator) = &raw.integrator {
-            defaults.integrator = match integrator.get_ref().as_str() {
-                "implicit" => Integrator::Implicit,
-                "explicit" => Integrator::Explicit,
-                "mis" => Integrator::Mis,
-                other => {
-                    let other = one_line(other);
-                    let problem = format!("no integrator `{other}`; take `implicit`, `explicit` or `mis`");
-                    return Err(self.refuse(&integrator.span(), problem));
-                }
-            };
+            defaults.integrator = self.choice("integrator", integrator)?;
         }
         if let Some(sampler) = &raw.sampler {
-            defaults.sampler = match sampler.get_ref().as_str() {
-                "independent" => Sampler::Independent,
-                "sobol" => Sampler::Sobol,
-                other => {
-                    let problem = format!("no sampler `{}`; take `independent` or `sobol`", one_line(other));
-                    return Err(self.refuse(&sampler.span(), problem));
-                }
-            };
+            defaults.sampler = self.choice("sampler", sampler)?;
         }
         if let Some(samples) = &raw.samples {
             let count = u32::try_from(*samples.get_ref()).ok().filter(|&n| n > 0);

@@ -83,7 +83,7 @@ pub(super) struct Material {
     pub emission: Vec3,
     /// Index into [`Import::images`] of what replaces `diffuse` on faces with texture coordinates.
     pub diffuse_image: Option<usize>,
-    /// What to tell a user whose scene uses this material.
+    /// Warnings for a user whose scene uses this material, one line each.
     pub warnings: Vec<String>,
 }
 
@@ -155,5 +155,50 @@ pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, Scene
             Ok(import)
         }
         _ => Err(location.refuse("neither .toml nor .obj; name a scene file or a mesh")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::sources::Files;
+
+    const SCENE: &[u8] = b"[camera]\neye = [0, 0, 5]\ntarget = [0, 0, 0]\nvfov = 40\n\
+        [[mesh]]\nfile = \"m.obj\"\ntranslate = [7, 0, 0]\n[[mesh]]\nfile = \"m.obj\"\nscale = 2\n\
+        [material.b]\nNs = 9\n";
+    const MESH: &[u8] = b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 2\n\
+        usemtl a\nf 1//1 2//1 3//1 4//1\nusemtl b\nf 1 3 4\n";
+    const MATERIALS: &[u8] = b"newmtl a\nillum 7\nNi 1.5\nTf 0.5\nnewmtl b\nKd 0.1\nKs 0.2\nmap_Kd t.png\nnewmtl c\n";
+    const FILES: &[(&str, &[u8])] = &[("s.toml", SCENE), ("m.obj", MESH), ("m.mtl", MATERIALS)];
+
+    fn imported(name: &str) -> Import {
+        let path = Path::new(name);
+        import(path, &mut Sources::new(Files::Embedded(FILES), path)).expect("the files are well formed")
+    }
+
+    #[test]
+    fn placements_stay_placements() {
+        let import = imported("s.toml");
+        let [mesh] = &import.meshes[..] else { panic!("a mesh is read once") };
+        assert_eq!(mesh.positions[2], DVec3::new(1.0, 1.0, 0.0));
+        assert_eq!(mesh.normals, [2.0 * DVec3::Z]);
+        assert_eq!(mesh.triangles.len(), 3);
+        let placed: Vec<_> = import.instances.iter().map(|i| (i.mesh, i.transform.point(DVec3::X))).collect();
+        assert_eq!(placed, [(0, 8.0 * DVec3::X), (0, 2.0 * DVec3::X)]);
+        let bare = imported("m.obj");
+        assert!(bare.camera.is_none() && bare.resolution.is_none());
+        assert_eq!(bare.instances[0].transform.point(DVec3::X), DVec3::X);
+    }
+
+    #[test]
+    fn materials_are_described_by_their_physics() {
+        let import = imported("s.toml");
+        let [glass, glossy] = &import.materials[..] else { panic!("those that faces use") };
+        assert_eq!((glass.surface, glass.ior, glass.transmission), (Surface::Dielectric, 1.5, Vec3::splat(0.5)));
+        assert_eq!((glossy.diffuse, glossy.specular, glossy.exponent), (Vec3::splat(0.1), Vec3::splat(0.2), 9.0));
+        // The image is named and not read: nothing says yet that a surface shows it.
+        assert_eq!(glossy.diffuse_image, Some(0));
+        assert_eq!(import.images[0].path, Path::new("t.png"));
+        assert_eq!(imported("m.obj").materials[1].exponent, 1.0);
     }
 }

@@ -27,7 +27,7 @@ pub(super) struct Definition {
     location: Location,
     /// In the order in which they are laid over a material.
     properties: Vec<Property>,
-    /// What to tell a user whose scene uses this material.
+    /// Warnings for a user whose scene uses this material, one line each.
     warnings: Vec<String>,
 }
 

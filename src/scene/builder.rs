@@ -1,0 +1,196 @@
+//! Scenes that are built in memory.
+
+use glam::{DVec3, Vec3};
+
+use super::{Camera, Environment, Material, Mesh, NONE, RenderDefaults, Scene, Surface, Triangle};
+
+/// A scene in the making. Fronts are where corners run counter-clockwise.
+///
+/// ```
+/// use glam::{DVec3, Vec3, dvec3};
+/// use raywave::scene::{Camera, Environment, Material, SceneBuilder, shapes};
+///
+/// let scene = SceneBuilder::new(Camera::pinhole(dvec3(2.0, 2.0, 4.0), DVec3::ZERO, 40.0))
+///     .resolution(320, 240)
+///     .environment(Environment::Constant(Vec3::ONE))
+///     .material(Material::diffuse(Vec3::new(0.8, 0.4, 0.1)))
+///     .polygons(shapes::cuboid(DVec3::splat(-0.5), DVec3::splat(0.5)))
+///     .material(Material::emitter(Vec3::splat(10.0)))
+///     .polygon(&[dvec3(-1.0, 2.0, -1.0), dvec3(1.0, 2.0, -1.0), dvec3(1.0, 2.0, 1.0), dvec3(-1.0, 2.0, 1.0)])
+///     .build();
+/// assert_eq!(scene.mesh.triangles.len(), 14);
+/// assert_eq!(scene.light_triangles().count(), 2);
+/// ```
+#[derive(Debug, Clone)]
+pub struct SceneBuilder {
+    camera: Camera,
+    width: u32,
+    height: u32,
+    environment: Environment,
+    materials: Vec<Material>,
+    mesh: Mesh,
+}
+
+impl SceneBuilder {
+    /// Nothing yet, seen by a camera in an image of 512 x 512.
+    pub fn new(camera: Camera) -> Self {
+        let (materials, mesh) = Default::default();
+        Self { camera, width: 512, height: 512, environment: Environment::Black, materials, mesh }
+    }
+
+    /// The size of the image in pixels.
+    pub fn resolution(mut self, width: u32, height: u32) -> Self {
+        (self.width, self.height) = (width, height);
+        self
+    }
+
+    /// Light from infinity.
+    pub fn environment(mut self, environment: Environment) -> Self {
+        self.environment = environment;
+        self
+    }
+
+    /// The material of what follows.
+    pub fn material(mut self, material: Material) -> Self {
+        self.materials.push(material);
+        self
+    }
+
+    /// A flat convex polygon.
+    ///
+    /// # Panics
+    /// Where no material goes before it, as the others that add faces.
+    pub fn polygon(self, corners: &[DVec3]) -> Self {
+        self.face(corners, None)
+    }
+
+    /// A convex polygon with a unit shading normal at each corner.
+    ///
+    /// # Panics
+    /// Where there are not as many normals as corners.
+    pub fn shaded_polygon(self, corners: &[DVec3], normals: &[Vec3]) -> Self {
+        assert_eq!(corners.len(), normals.len(), "each corner needs a normal");
+        self.face(corners, Some(normals))
+    }
+
+    /// Flat convex polygons.
+    pub fn polygons(self, polygons: impl IntoIterator<Item: AsRef<[DVec3]>>) -> Self {
+        polygons.into_iter().fold(self, |builder, polygon| builder.polygon(polygon.as_ref()))
+    }
+
+    /// A square of half side `half` about `centre`, its front towards the unit vector `normal`.
+    pub fn square(self, centre: DVec3, normal: DVec3, half: f64) -> Self {
+        let a = half * normal.any_orthonormal_vector();
+        let b = normal.cross(a);
+        self.polygon(&[centre - a - b, centre + a - b, centre + a + b, centre - a + b])
+    }
+
+    /// The scene. Positions and materials are taken as they are: they should be as [`Scene`] and its
+    /// parts document them.
+    pub fn build(self) -> Scene {
+        Scene {
+            name: "in memory".to_owned(),
+            hash: self.hash(),
+            camera: self.camera,
+            width: self.width,
+            height: self.height,
+            defaults: RenderDefaults::default(),
+            mesh: self.mesh,
+            materials: self.materials,
+            textures: Vec::new(),
+            environment: self.environment,
+            warnings: Vec::new(),
+        }
+    }
+
+    fn face(mut self, corners: &[DVec3], normals: Option<&[Vec3]>) -> Self {
+        let material = self.materials.len().checked_sub(1).expect("a material goes before the faces it is of") as u32;
+        let (first, first_normal) = (self.mesh.positions.len() as u32, self.mesh.normals.len() as u32);
+        self.mesh.positions.extend(corners);
+        self.mesh.normals.extend(normals.unwrap_or_default());
+        for i in 2..corners.len() as u32 {
+            let fan = [0, i - 1, i];
+            self.mesh.triangles.push(Triangle {
+                positions: fan.map(|corner| first + corner),
+                normals: if normals.is_some() { fan.map(|corner| first_normal + corner) } else { [NONE; 3] },
+                uvs: [NONE; 3],
+                material,
+            });
+        }
+        self
+    }
+
+    /// As the hash of a scene from files stands for their contents, that of all that was put in.
+    fn hash(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        let Mesh { positions, normals, triangles, .. } = &self.mesh;
+        hasher.update(bytemuck::cast_slice(positions)).update(bytemuck::cast_slice(normals));
+        for triangle in triangles {
+            hasher.update(bytemuck::bytes_of(&triangle.positions)).update(bytemuck::bytes_of(&triangle.normals));
+            hasher.update(&triangle.material.to_le_bytes());
+        }
+        hasher.update(format!("{:?}{:?}", self.camera, self.materials).as_bytes());
+        match &self.environment {
+            Environment::Black => {}
+            Environment::Constant(radiance) => {
+                hasher.update(bytemuck::bytes_of(radiance));
+            }
+            Environment::LatLong(map) => {
+                hasher.update(&map.width.to_le_bytes()).update(bytemuck::cast_slice(&map.radiance));
+            }
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+}
+
+impl Camera {
+    /// A pinhole at `eye` with a vertical field of view in degrees. Its up direction is y, or z where
+    /// it looks along y.
+    pub fn pinhole(eye: DVec3, target: DVec3, vfov: f64) -> Self {
+        let along = (target - eye).normalize();
+        let up = if along.y.abs() > 0.999 { DVec3::Z } else { DVec3::Y };
+        Self { eye, target, up, vfov, aperture: 0.0, focus: 1.0 }
+    }
+}
+
+impl Material {
+    /// A black surface; the other constructors override its fields.
+    fn black() -> Self {
+        Self {
+            name: String::new(),
+            surface: Surface::Glossy,
+            diffuse: Vec3::ZERO,
+            specular: Vec3::ZERO,
+            exponent: 1.0,
+            ior: 1.0,
+            transmission: Vec3::ONE,
+            emission: Vec3::ZERO,
+            diffuse_map: None,
+        }
+    }
+
+    /// A diffuse surface (Lambert).
+    pub fn diffuse(reflectance: Vec3) -> Self {
+        Self { diffuse: reflectance, ..Self::black() }
+    }
+
+    /// A diffuse surface with a Phong lobe. The reflectances add up to 1 at most.
+    pub fn phong(diffuse: Vec3, specular: Vec3, exponent: f32) -> Self {
+        Self { diffuse, specular, exponent, ..Self::black() }
+    }
+
+    /// A perfect mirror.
+    pub fn mirror(reflectance: Vec3) -> Self {
+        Self { surface: Surface::Mirror, specular: reflectance, ..Self::black() }
+    }
+
+    /// A smooth body of an index of refraction, in air: Fresnel-weighted reflection and transmission.
+    pub fn dielectric(ior: f32) -> Self {
+        Self { surface: Surface::Dielectric, ior, ..Self::black() }
+    }
+
+    /// A pure emitter of a radiance.
+    pub fn emitter(radiance: Vec3) -> Self {
+        Self { emission: radiance, ..Self::black() }
+    }
+}
