@@ -28,7 +28,7 @@ pub use dump::QueuedRays;
 pub use faults::{Fault, find_faults};
 pub use footprint::{FeatureCost, Footprint, feature_costs};
 pub use plan::{Band, Plan, SampleRange, SceneLevels, Tile};
-pub use prepare::{Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
+pub use prepare::{FeatureFlag, Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
 pub use replay::{FrozenRays, Replay, ReplayOutcome, distances};
 pub use session::{Ending, Kept, Outcome, Progress, RenderError, Session, SessionOptions, Statistics, scene_buffers};
 pub use settings::{
