@@ -357,9 +357,8 @@ fn every_bsdf_answers_what_the_contract_says() {
             continue;
         }
         assert_eq!(sampled_pdf, there.pdf.max(1e-20), "the pdf of the direction that was drawn: {name}");
-        for channel in 0..3 {
-            let f_cos = f64::from(weight[channel]) * f64::from(sampled_pdf);
-            let exact = f64::from(there.value[channel]);
+        for (weight, exact) in weight.iter().zip(there.value) {
+            let (f_cos, exact) = (f64::from(*weight) * f64::from(sampled_pdf), f64::from(exact));
             assert!((f_cos - exact).abs() <= 1e-5 * exact + 1e-12, "{f_cos} is not {exact}: {name}");
         }
     }
