@@ -325,8 +325,8 @@ fn kernel_options(macros: &[&str]) -> shaderc::CompileOptions<'static> {
         options.add_macro_definition(name, Some("1"));
     }
     options.set_include_callback(|requested, _, _, _| {
-        if let Some((_, content)) = GENERATED.iter().find(|(name, _)| *name == requested) {
-            return Ok(shaderc::ResolvedInclude { resolved_name: requested.to_owned(), content: content() });
+        if let Some(content) = generated(requested) {
+            return Ok(shaderc::ResolvedInclude { resolved_name: requested.to_owned(), content });
         }
         let found = INCLUDES.iter().map(|folder| format!("{folder}/{requested}")).find(|path| Path::new(path).exists());
         let resolved_name = found.ok_or_else(|| format!("{requested} is in none of {INCLUDES:?}"))?;
@@ -411,12 +411,15 @@ fn forget_others(out: &Path) {
     fs::write(file, stamp).expect("OUT_DIR can be written");
 }
 
-/// Includes that are written here, from what Rust says.
-const GENERATED: [(&str, fn() -> String); 3] = [
-    ("constants.glsl", glsl_constants),
-    ("specialization_constants.glsl", glsl_specialization_constants),
-    ("listed_triangles.glsl", glsl_listed_triangles),
-];
+/// The text of an include that is written here, from what Rust says.
+fn generated(include: &str) -> Option<String> {
+    match include {
+        "constants.glsl" => Some(glsl_constants()),
+        "specialization_constants.glsl" => Some(glsl_specialization_constants()),
+        "listed_triangles.glsl" => Some(glsl_listed_triangles()),
+        _ => None,
+    }
+}
 
 fn glsl_constants() -> String {
     constants::GLSL.iter().fold(String::new(), |mut text, (name, value)| {

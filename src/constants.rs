@@ -94,6 +94,11 @@ shared_constants! {
     /// Multiple importance sampling: BSDF and light samples, weighted by their pdfs.
     INTEGRATOR_MIS = 2;
 
+    /// Pseudo-random numbers that are independent of each other.
+    SAMPLER_INDEPENDENT = 0;
+    /// Points of scrambled Sobol sequences.
+    SAMPLER_SOBOL = 1;
+
     /// `max_bounces` of an unbounded path.
     UNBOUNDED = u32::MAX;
 }
@@ -151,8 +156,8 @@ specialization_constants! {
     listed_count: u32 = 0;
     /// One of `INTEGRATOR_*`.
     integrator: u32 = INTEGRATOR_EXPLICIT;
-    /// Whether random numbers are points of Sobol sequences.
-    sobol: bool = false;
+    /// One of `SAMPLER_*`.
+    sampler: u32 = SAMPLER_INDEPENDENT;
     /// One of `ENVIRONMENT_*`.
     environment: u32 = ENVIRONMENT_BLACK;
     /// Whether some triangle emits.

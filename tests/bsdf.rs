@@ -2,11 +2,10 @@
 
 mod common;
 
+use std::collections::HashSet;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use common::probe::{
-    Bench, Glossy, Specular, SurfaceQuery, Uniform, grey, lanes, scene_of_materials, spherical, vector,
-};
+use common::probe::{Bench, BsdfAnswer, SurfaceQuery, Uniform, grey, lanes, scene_of_materials, spherical, vector};
 use glam::{DVec3, Vec3};
 use raywave::oracle::optics;
 use raywave::scene::{Material, Surface};
@@ -56,7 +55,7 @@ fn glossy_values_and_densities_are_those_of_the_formula_and_reciprocal() {
             queries.push(SurfaceQuery { wo: query.wi, wi: query.wo, ..query });
         }
     }
-    let answers: Vec<Glossy> = bench.run("glossy", &queries);
+    let answers: Vec<BsdfAnswer> = bench.run("bsdf", &queries);
     let mut compared = 0;
     for (pair, answer) in queries.chunks(2).zip(answers.chunks(2)) {
         let [query, _] = pair else { unreachable!() };
@@ -114,7 +113,7 @@ fn glossy_materials_give_back_no_more_than_they_get() {
                     solid.push(2.0 * root * 2_f64.sqrt() / RINGS as f64 * TAU / TURNS as f64);
                 }
             }
-            let answers: Vec<Glossy> = bench.run("glossy", &queries);
+            let answers: Vec<BsdfAnswer> = bench.run("bsdf", &queries);
             let albedo: DVec3 = answers.iter().zip(&solid).map(|(a, s)| Vec3::from(a.value).as_dvec3() * *s).sum();
             assert!(albedo.max_element() < 1.0 + 3e-3, "{material:?} at {angle} degrees gives {albedo}");
         }
@@ -185,7 +184,7 @@ fn specular_directions_obey_snell_and_their_weights_conserve_energy() {
         for choice in [0.0, 1.0 - (-24_f32).exp2()] {
             let cases = specular_cases(index, material.ior, choice);
             let queries: Vec<_> = cases.iter().map(|case| case.query).collect();
-            let answers: Vec<Specular> = bench.run("specular", &queries);
+            let answers: Vec<BsdfAnswer> = bench.run("bsdf", &queries);
             for (case, answer) in cases.iter().zip(&answers) {
                 let Case { n, wo, cosine, eta, .. } = case;
                 let (direction, weight) = (vector(answer.direction), vector(answer.weight));
@@ -227,13 +226,13 @@ fn there_and_back_through_an_interface_radiance_is_the_same() {
         if material.ior > 100.0 {
             continue;
         }
-        let cases: Vec<_> = specular_cases(index, material.ior, 1.0 - (-24_f32).exp2());
-        let there: Vec<Specular> = bench.run("specular", &cases.iter().map(|case| case.query).collect::<Vec<_>>());
+        let cases: Vec<_> = specular_cases(index, material.ni, 1.0 - (-24_f32).exp2());
+        let there: Vec<BsdfAnswer> = bench.run("bsdf", &cases.iter().map(|case| case.query).collect::<Vec<_>>());
         let crossed: Vec<_> =
             cases.iter().zip(&there).filter(|(case, answer)| vector(answer.direction).dot(case.n) < -1e-3).collect();
         let queries: Vec<_> =
             crossed.iter().map(|(case, answer)| SurfaceQuery { wo: answer.direction, ..case.query }).collect();
-        let back: Vec<Specular> = bench.run("specular", &queries);
+        let back: Vec<BsdfAnswer> = bench.run("bsdf", &queries);
         for ((case, there), back) in crossed.iter().zip(&back) {
             let direction = vector(back.direction);
             if direction.dot(case.n) < 0.0 {
@@ -293,7 +292,7 @@ fn dielectrics_reflect_as_much_as_fresnel_says_at_every_angle() {
                 .zip(&bounds)
                 .map(|(case, (low, high))| SurfaceQuery { choice: 0.5 * (low + high), ..case.query })
                 .collect();
-            let answers: Vec<Specular> = bench.run("specular", &queries);
+            let answers: Vec<BsdfAnswer> = bench.run("bsdf", &queries);
             for ((case, bound), answer) in cases.iter().zip(&mut bounds).zip(&answers) {
                 let middle = 0.5 * (bound.0 + bound.1);
                 let reflects = vector(answer.direction).dot(case.n) >= 0.0;
@@ -308,4 +307,62 @@ fn dielectrics_reflect_as_much_as_fresnel_says_at_every_angle() {
             assert!(r > least - 2e-6 && r < most + 2e-6, "{name}: {r} is not in {least} to {most}");
         }
     }
+}
+
+/// Bits of flags, as `bsdf/contract.glsl` has them: components, then the side.
+const COMPONENTS: u32 = 7;
+const SPECULAR: u32 = 4;
+const REFLECT: u32 = 8;
+const SIDES: u32 = 24;
+
+#[test]
+fn every_bsdf_answers_what_the_contract_says() {
+    const N: usize = 1 << 12;
+    // All kinds in one scene, so that the kernel has to find which one a material is.
+    let (bench, materials) = bench_of([glossy_materials(), specular_materials()].concat());
+    let mut random = Uniform::new(7);
+    let mut queries = Vec::new();
+    for index in 0..materials.len() {
+        for _ in 0..N {
+            let ([choice], u) = (random.next(), random.next());
+            let (normal, wo, wi) = (random.direction(), random.direction(), random.direction());
+            queries.push(SurfaceQuery { choice, u, ..SurfaceQuery::new(index, normal, wo, wi) });
+        }
+    }
+    let answers: Vec<BsdfAnswer> = bench.run("bsdf", &queries);
+    let sampled = |(query, answer): (&SurfaceQuery, &BsdfAnswer)| {
+        let [x, y, z, _] = answer.direction;
+        SurfaceQuery { wi: [x, y, z, 0.0], ..*query }
+    };
+    let there: Vec<BsdfAnswer> = bench.run("bsdf", &queries.iter().zip(&answers).map(sampled).collect::<Vec<_>>());
+    let mut seen = HashSet::new();
+    for ((query, answer), there) in queries.iter().zip(&answers).zip(&there) {
+        let material = &materials[query.material[0] as usize];
+        let BsdfAnswer { value, pdf, direction, weight, flags: [all, drawn], .. } = *answer;
+        let (sampled_pdf, eta) = (direction[3], weight[3]);
+        let name = format!("{material:?}: {query:?} gives {answer:?}");
+        seen.insert(drawn);
+        assert!(drawn & !all == 0, "a component that the BSDF does not have: {name}");
+        assert_eq!((drawn & COMPONENTS).count_ones(), 1, "{name}");
+        assert_eq!((drawn & SIDES).count_ones(), 1, "{name}");
+
+        let normal = vector(query.geometric_normal);
+        let [side_of_wo, side_of_wi] = [query.wo, direction].map(|direction| vector(direction).dot(normal));
+        let takes_light = weight[..3].iter().any(|channel| *channel > 0.0);
+        if takes_light && side_of_wi.abs() > 1e-5 {
+            assert_eq!(drawn & REFLECT != 0, side_of_wo * side_of_wi > 0.0, "the side: {name}");
+            let transmits = all & SIDES & !REFLECT != 0;
+            assert_eq!(eta, if transmits && side_of_wi < 0.0 { material.ni } else { 1.0 }, "eta: {name}");
+        }
+        if all & SPECULAR != 0 {
+            assert_eq!((value, pdf, sampled_pdf), ([0.0; 3], 0.0, f32::MAX), "one direction: {name}");
+            continue;
+        }
+        assert_eq!(sampled_pdf, there.pdf.max(1e-20), "the pdf of the direction that was drawn: {name}");
+        for (weight, exact) in weight.iter().zip(there.value) {
+            let (f_cos, exact) = (f64::from(*weight) * f64::from(sampled_pdf), f64::from(exact));
+            assert!((f_cos - exact).abs() <= 1e-5 * exact + 1e-12, "{f_cos} is not {exact}: {name}");
+        }
+    }
+    assert_eq!(seen.len(), 4, "diffuse and glossy reflection, specular reflection and transmission");
 }

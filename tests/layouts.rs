@@ -11,13 +11,17 @@ use bytemuck::{Pod, Zeroable};
 use common::meshes::soup;
 use common::probe::{Bench, Uniform, any_scene, lanes, scene_of};
 use glam::{DVec3, Vec2, Vec3};
-use raywave::constants::{MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS, TRIANGLE_TEXELS};
+use raywave::constants::{
+    LISTED_TRIANGLES, MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS, Specialization, TRIANGLE_TEXELS,
+};
 use raywave::layout::{
     Batch, Bins, Control, EnvironmentSplit, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals,
     RayCount, Triangle, WorkCount,
 };
 use raywave::scene::{Environment, EnvironmentMap};
-use raywave::shaders::{Access, STRUCTS, StructLayout};
+use raywave::shaders::{Access, KERNELS, STRUCTS, StructLayout};
+use rspirv::dr::Operand;
+use rspirv::spirv::Decoration;
 
 /// Name, offset and size of the fields of a struct: all of them, or it does not compile.
 macro_rules! fields_of {
@@ -130,6 +134,26 @@ fn blocks_lie_in_rust_as_in_spirv() {
             "{name} ends with its last field"
         );
     }
+}
+
+#[test]
+fn every_specialization_constant_is_some_kernels() {
+    let mut ids = BTreeSet::new();
+    for variant in KERNELS.iter().flat_map(|kernel| kernel.variants) {
+        let words: Vec<u32> = bytemuck::pod_collect_to_vec(variant.spirv);
+        let module = rspirv::dr::load_words(&words).expect("build.rs made it");
+        ids.extend(module.annotations.iter().filter_map(|i| match i.operands[1..] {
+            [Operand::Decoration(Decoration::SpecId), Operand::LiteralBit32(id)] => Some(id),
+            _ => None,
+        }));
+    }
+    for (constant, id) in Specialization::TABLE.iter().zip(0..) {
+        assert!(ids.contains(&id), "no kernel has {}", constant.name);
+    }
+    // Behind the table are the vertices of the longest list.
+    let count = Specialization::TABLE.len() as u32 + 9 * LISTED_TRIANGLES;
+    assert_eq!(ids.last(), Some(&(count - 1)), "the last vertex");
+    assert_eq!(Specialization::DEFAULT.words().len(), Specialization::TABLE.len());
 }
 
 #[test]

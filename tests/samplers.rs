@@ -9,8 +9,7 @@ use std::f64::consts::{PI, TAU};
 use bytemuck::{Pod, Zeroable};
 use common::meshes::{cuboid, placed};
 use common::probe::{
-    Bench, Glossy, Specular, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, scene_of_materials, spherical,
-    vector,
+    Bench, BsdfAnswer, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, scene_of_materials, spherical, vector,
 };
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use raywave::constants::{ENVIRONMENT_LAT_LONG, NO_TRIANGLE};
@@ -490,7 +489,7 @@ fn glossy_scattering_follows_its_density_and_its_weights_their_integral() {
                     SurfaceQuery { shading_normal: lanes(shading), u: random.next(), ..query }
                 })
                 .collect();
-            let answers: Vec<Glossy> = bench.run("glossy", &queries);
+            let answers: Vec<BsdfAnswer> = bench.run("bsdf", &queries);
             let name = format!("material {index} from {angle} degrees, shading {:.2}", shading.dot(up));
 
             let n = side * shading;
@@ -543,7 +542,7 @@ fn dielectrics_choose_by_fresnel() {
             let queries: Vec<_> = (0..N)
                 .map(|_| SurfaceQuery { choice: random.next::<1>()[0], ..SurfaceQuery::new(0, n, wo, wo) })
                 .collect();
-            let answers: Vec<Specular> = bench.run("specular", &queries);
+            let answers: Vec<BsdfAnswer> = bench.run("bsdf", &queries);
             let reflected = answers.iter().filter(|a| side * n.dot(vector(a.direction)) > 0.0).count() as f64;
             let r = optics::reflectance(cosine, f64::from(ni).powf(side));
             let expected = [r * N as f64, (1.0 - r) * N as f64];

@@ -5,6 +5,9 @@
 #include "bsdf/mirror.glsl"
 #include "bsdf/phong.glsl"
 
+const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
+const bool HAS_SPECULAR = HAS_MIRROR || HAS_GLASS;
+
 // All components of the BSDF: BSDF_*.
 uint bsdf_flags(Material m) {
     return IS_KIND(PHONG, HAS_SPECULAR, m) ? PHONG_FLAGS : IS_KIND(MIRROR, HAS_GLASS, m) ? MIRROR_FLAGS : DIELECTRIC_FLAGS;

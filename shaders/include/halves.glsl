@@ -2,7 +2,7 @@
 #ifndef HALVES_GLSL
 #define HALVES_GLSL
 
-// The largest half. What is larger is cut to it: finite light stays finite.
+// The largest half. What is larger is clamped to it: finite light stays finite.
 const float LARGEST_HALF = 65504.0;
 // The smallest half above 0.
 const float SMALLEST_HALF = 5.9604645e-8;
@@ -21,15 +21,15 @@ uvec3 dither(vec3 point) {
     return uvec3(h >> 19u, (h >> 6u) & LOST_BITS, (h * 0x297a2d39u) >> 19u);
 }
 
-// Three numbers that are not negative, as halves can hold them: each rounded up as often as it lies near
-// the upper neighbour, so that the mean of many is the number itself. To round to the nearest would repeat
-// one error along every path that meets the same surfaces.
+// Stochastic rounding of three numbers that are not negative to halves: each is rounded up as often as it lies near the
+// upper neighbour, so that the mean of many is the number itself. Rounding to the nearest would repeat one error along
+// every path that hits the same surfaces.
 vec3 round_to_halves(vec3 value, uvec3 random) {
     vec3 normal = uintBitsToFloat((floatBitsToUint(value) + random) & ~LOST_BITS);
     // Below its smallest normal number halves are equally far apart.
     vec3 subnormal = floor(value * (1.0 / SMALLEST_HALF) + vec3(random) * (1.0 / float(LOST_BITS + 1u))) * SMALLEST_HALF;
     vec3 rounded = mix(normal, subnormal, lessThan(value, vec3(SMALLEST_NORMAL_HALF)));
-    // What is no finite number stays what it is, to be counted.
+    // NaN and infinities stay what they are, to be counted.
     return mix(min(rounded, LARGEST_HALF), value, greaterThan(uvec3(isnan(value)) | uvec3(isinf(value)), uvec3(0u)));
 }
 

@@ -141,7 +141,7 @@ Vertex shade_hit(inout Path path, Hit hit) {
         bool scatters = (flags & BSDF_NON_SPECULAR) != 0u;
         vertex.shadow.radiance = scatters ? clamped(radiance, path.bounce + 1u) : vec3(0.0);
     }
-    // At the last bounce light that specular components do not scatter has been sampled: the path is done.
+    // At the last bounce next-event estimation has found all light, unless specular components scatter some.
     if (EXPLICIT && BOUNDED && (flags & BSDF_SPECULAR) == 0u && path.bounce + 1u == frame.max_bounces) {
         return vertex;
     }

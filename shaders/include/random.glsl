@@ -71,7 +71,7 @@ uvec4 sobol4(uint pixel, uint sample_index, uint block, uint seed) {
 // stratified over the samples of a pixel.
 vec4 random4(uint pixel, uint sample_index, uint block, uint seed) {
     uvec4 bits;
-    if (SOBOL) {
+    if (SAMPLER == SAMPLER_SOBOL) {
         bits = sobol4(pixel, sample_index, block, seed);
     } else {
         bits = pcg4d(uvec4(pixel, sample_index, block, seed));

@@ -229,9 +229,9 @@ impl Collapse<'_> {
     }
 }
 
-/// How the tree under a node is best cut into so many wide children, by that number, in four bits each: the
-/// share of the left child, or 0 where fewer are no worse. Of one child it is 0 for a leaf, 1 for a node. Of
-/// as many as a node has it is never 0.
+/// Optimal cuts of a subtree into 1 to 8 wide children, four bits a number: how many of them lie under the left child, or
+/// 0 where fewer cost no more. For one child it is 0 for a leaf and 1 for a node. For as many as a node can have it is
+/// never 0.
 #[derive(Clone, Copy, Default)]
 struct Choice(u32);
 

@@ -6,7 +6,7 @@ use std::collections::HashSet;
 use super::buffers::path_records;
 use super::defaults::Defaults;
 use super::plan::Plan;
-use super::prepare::{Needs, PreparedScene};
+use super::prepare::{Features, Needs, PreparedScene};
 use super::schedule::Schedule;
 use crate::constants::*;
 use crate::settings::{Integrator, RouletteMode, Sampler, Scheduler, Settings};
@@ -86,17 +86,10 @@ struct Subject {
     needs: Needs,
 }
 
-/// A feature: its name, whether a render has it, and how to give or take it.
+/// A feature that is no flag of the scene: its name, whether a render has it, and how to give or take it.
 type Feature = (&'static str, fn(&Subject) -> bool, fn(&mut Subject, bool));
 
-/// A feature that is a flag of the scene.
-macro_rules! flag {
-    ($name:literal, $field:ident) => {
-        ($name, |s| s.needs.features.$field, |s, on| s.needs.features.$field = on)
-    };
-}
-
-/// Adds a kind of environment to what there is, or removes it.
+/// Gives a kind of environment beside what there is, or takes it.
 fn set_environment(subject: &mut Subject, kind: u32, on: bool) {
     let there = &mut subject.needs.features.environment;
     *there = match (on, *there) {
@@ -107,8 +100,7 @@ fn set_environment(subject: &mut Subject, kind: u32, on: bool) {
     };
 }
 
-const FEATURES: [Feature; 19] = [
-    flag!("area lights", lights),
+const FEATURES: &[Feature] = &[
     (
         "constant environment",
         |s| s.needs.features.environment == ENVIRONMENT_CONSTANT,
@@ -119,14 +111,6 @@ const FEATURES: [Feature; 19] = [
         |s| s.needs.features.environment == ENVIRONMENT_LAT_LONG,
         |s, on| set_environment(s, ENVIRONMENT_LAT_LONG, on),
     ),
-    flag!("diffuse surfaces", phong),
-    flag!("Phong lobes", phong_lobes),
-    flag!("mirrors", mirror),
-    flag!("refraction", refractive),
-    flag!("Fresnel glass", dielectric),
-    flag!("textures", textures),
-    flag!("shading normals", normals),
-    flag!("lens", lens),
     (
         "scattering",
         |s| s.settings.max_bounces != Some(0),
@@ -177,9 +161,8 @@ pub fn feature_costs(scene: &PreparedScene, settings: &Settings, defaults: &Defa
         Footprint::with(scene, &subject.settings, &needs, defaults)
     };
     let own = footprint(&Subject { settings, needs });
-    let cost = |(feature, has, set): &Feature| {
+    let cost = |feature, found: bool, set: &dyn Fn(&mut Subject, bool)| {
         let mut subject = Subject { settings, needs };
-        let found = has(&subject);
         set(&mut subject, !found);
         let other = footprint(&subject);
         let (with, without) = if found { (&own, &other) } else { (&other, &own) };
@@ -191,7 +174,11 @@ pub fn feature_costs(scene: &PreparedScene, settings: &Settings, defaults: &Defa
             path_bytes: added(&with.path_bytes, &without.path_bytes, u64::saturating_sub),
         }
     };
-    FEATURES.iter().map(cost).collect()
+    let flags = Features::FLAGS
+        .iter()
+        .map(|flag| cost(flag.title, (flag.get)(&needs.features), &|s, on| (flag.set)(&mut s.needs.features, on)));
+    let others = FEATURES.iter().map(|(name, has, set)| cost(name, has(&Subject { settings, needs }), set));
+    flags.chain(others).collect()
 }
 
 /// By how much the numbers of `with` are above those of `without`, where they are.

@@ -73,8 +73,8 @@ impl Variant {
     }
 }
 
-/// Asks the driver for what it promises: that lanes meet again, in a kernel with subgroup operations, and, unless it may
-/// do as it likes, that floats are what they should be.
+/// Asks the driver for what it promises: that lanes reconverge, in a kernel with subgroup operations, and that floats are
+/// what they should be, unless the arithmetic leaves them to the driver.
 fn ask_for(module: &mut Module, build: &Build<'_>) {
     let Promises { reconvergence, special_values, nearest_rounding, flushes_subnormals } = build.promises;
     let has = |capability| {

@@ -136,7 +136,7 @@ pub fn grey() -> Material {
     }
 }
 
-/// Input of the probes `glossy` and `specular`: `SurfaceQuery` of `surface_query.glsl`.
+/// Input of the probe `bsdf`: `SurfaceQuery` of `surface_query.glsl`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct SurfaceQuery {
@@ -164,22 +164,21 @@ impl SurfaceQuery {
     }
 }
 
-/// Output of the probe `glossy`.
+/// Output of the probe `bsdf`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub struct Glossy {
+pub struct BsdfAnswer {
+    /// Of the pair of directions, with the cosine.
     pub value: [f32; 3],
+    /// Of the pair of directions.
     pub pdf: f32,
+    /// That was sampled, and its pdf.
     pub direction: [f32; 4],
+    /// Of the sample, and the index of refraction of what it leads into.
     pub weight: [f32; 4],
-}
-
-/// Output of the probe `specular`.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub struct Specular {
-    pub direction: [f32; 4],
-    pub weight: [f32; 4],
+    /// Components of the BSDF, and the one that was sampled.
+    pub flags: [u32; 2],
+    pub unused: [u32; 2],
 }
 
 /// A vector as GLSL's vec4, rounded.

@@ -12,7 +12,7 @@ struct Query {
 
 struct Answer {
     uvec4 hit;    // triangle, bits of barycentrics and distance
-    uvec4 walk;   // 1 where something blocks, most entries that a stack that spills held, unused
+    uvec4 walk;   // 1 where the ray is occluded, most entries that a stack that spills held, unused
 };
 
 uint entries(Stack stack) { return stack.count + STACK_BLOCK * stack.blocks; }

@@ -22,9 +22,9 @@ BsdfSample sample_dielectric(Material m, Surface surface, vec3 wo, float choice)
     float inverse_eta = side > 0.0 ? inverse_ni : m.ni;
     float cos_i = min(dot(wo, n), 1.0);
     vec3 along = wo - cos_i * n;
-    // The squared cosine beyond, times eta squared: a sum of small numbers where the angle grazes and
-    // the indices are alike, so that matched glass is not seen, and where it is steep and little
-    // can get out, so that very dense glass lets go of its light.
+    // The squared cosine beyond, times eta squared, as a sum of small numbers: at grazing angles of nearly equal indices,
+    // so that matched glass is invisible, and at steep angles, where little escapes, so that very dense glass does not
+    // trap its light.
     float squared = cos_i < 0.7 ? (eta - 1.0) * (eta + 1.0) + cos_i * cos_i : eta * eta - dot(along, along);
     float cos_t = sqrt(max(0.0, squared)) * inverse_eta;
     float reflectance = squared <= 0.0 ? 1.0 : 0.0;

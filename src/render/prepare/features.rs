@@ -6,77 +6,114 @@ use crate::constants::*;
 use crate::scene::{self, Environment, Scene, Surface};
 use crate::settings::{Integrator, Offsets, PathState, RouletteMode, Sampler, Settings, ShadowRays, Sort};
 
-/// What a scene has: kernels leave out all else. A material counts only if some triangle has it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Features {
-    /// One of `ENVIRONMENT_*`.
-    pub environment: u32,
+/// Declares what a scene may have or not: its name in the code, its name for people, and how it is found.
+macro_rules! features {
+    ($($(#[$doc:meta])* $name:ident, $title:literal: $is_in:expr;)*) => {
+        /// What a scene has: kernels leave out all else. A material counts only if some triangle has it.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub struct Features {
+            /// One of `ENVIRONMENT_*`.
+            pub environment: u32,
+            $($(#[$doc])* pub $name: bool,)*
+        }
+
+        impl Features {
+            /// Every one.
+            pub const ALL: Self = Self { environment: ENVIRONMENT_ANY, $($name: true),* };
+
+            /// Those that a scene has or not.
+            pub const FLAGS: &[FeatureFlag] = &[$(FeatureFlag {
+                title: $title,
+                get: |features| features.$name,
+                set: |features, on| features.$name = on,
+            }),*];
+
+            fn of_subject(subject: &Subject<'_>) -> Self {
+                Self {
+                    environment: match subject.scene.environment {
+                        Environment::Black => ENVIRONMENT_BLACK,
+                        Environment::Constant(_) => ENVIRONMENT_CONSTANT,
+                        Environment::LatLong(_) => ENVIRONMENT_LAT_LONG,
+                    },
+                    $($name: is_in(subject, $is_in)),*
+                }
+            }
+        }
+    };
+}
+
+features! {
     /// Some triangle emits.
-    pub lights: bool,
+    lights, "area lights": |s| s.any_used(|m| m.is_emitter());
     /// Some material is a Phong BRDF: Lambert plus lobe.
-    pub phong: bool,
+    phong, "diffuse surfaces": |s| s.any_scattering(|m| m.surface == Surface::Glossy);
     /// The lobe of some Phong BRDF is above zero.
-    pub phong_lobes: bool,
+    phong_lobes, "Phong lobes": |s| s.any_scattering(|m| m.surface == Surface::Glossy && m.specular.max_element() > 0.0);
     /// Some material is a mirror.
-    pub mirror: bool,
+    mirror, "mirrors": |s| s.any_scattering(|m| m.surface == Surface::Mirror);
     /// Some material refracts without Fresnel split.
-    pub refractive: bool,
+    refractive, "refraction": |s| s.any_scattering(|m| m.surface == Surface::Refractive);
     /// Some material is a Fresnel dielectric.
-    pub dielectric: bool,
-    /// Some material has a texture.
-    pub textures: bool,
+    dielectric, "Fresnel glass": |s| s.any_scattering(|m| m.surface == Surface::Dielectric);
+    /// Some material that scatters has a texture.
+    textures, "textures": |s| s.any_scattering(|m| m.diffuse_map.is_some());
     /// Some triangle has shading normals.
-    pub normals: bool,
+    normals, "shading normals": |s| s.scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE);
     /// The camera has a lens.
-    pub lens: bool,
+    lens, "lens": |s| s.scene.camera.aperture > 0.0;
     /// The camera is so far away that its rays start nearer to the scene.
-    pub distance: bool,
+    distance, "distant camera": |s| s.distance;
+}
+
+/// A feature that a scene has or not.
+#[derive(Debug)]
+pub struct FeatureFlag {
+    /// Its name for people.
+    pub title: &'static str,
+    /// Whether it is there.
+    pub get: fn(&Features) -> bool,
+    /// Gives it or takes it.
+    pub set: fn(&mut Features, bool),
+}
+
+/// Where features are looked for.
+struct Subject<'a> {
+    scene: &'a Scene,
+    /// Materials that some triangle has.
+    used: Vec<&'a scene::Material>,
+    /// Whether the camera is far away.
+    distance: bool,
+}
+
+impl Subject<'_> {
+    fn any_used(&self, test: impl Fn(&scene::Material) -> bool) -> bool {
+        self.used.iter().any(|material| test(material))
+    }
+
+    /// Of the materials that are no area lights.
+    fn any_scattering(&self, test: impl Fn(&scene::Material) -> bool) -> bool {
+        self.any_used(|material| !material.is_emitter() && test(material))
+    }
+}
+
+fn is_in(subject: &Subject<'_>, is_in: impl Fn(&Subject<'_>) -> bool) -> bool {
+    is_in(subject)
 }
 
 impl Features {
-    /// Every one.
-    pub const ALL: Self = Self {
-        environment: ENVIRONMENT_ANY,
-        lights: true,
-        phong: true,
-        phong_lobes: true,
-        mirror: true,
-        refractive: true,
-        dielectric: true,
-        textures: true,
-        normals: true,
-        lens: true,
-        distance: true,
-    };
-
     pub(super) fn of(scene: &Scene, distance: bool) -> Self {
-        let used = used_materials(scene);
-        let any = |test: &dyn Fn(&scene::Material) -> bool| {
-            scene.materials.iter().zip(&used).any(|(material, used)| *used && test(material))
-        };
-        let is = |surface| any(&|m| !m.is_emitter() && m.surface == surface);
-        Self {
-            environment: match scene.environment {
-                Environment::Black => ENVIRONMENT_BLACK,
-                Environment::Constant(_) => ENVIRONMENT_CONSTANT,
-                Environment::LatLong(_) => ENVIRONMENT_LAT_LONG,
-            },
-            lights: any(&|m| m.is_emitter()),
-            phong: is(Surface::Glossy),
-            phong_lobes: any(&|m| !m.is_emitter() && m.surface == Surface::Glossy && m.specular.max_element() > 0.0),
-            mirror: is(Surface::Mirror),
-            refractive: is(Surface::Refractive),
-            dielectric: is(Surface::Dielectric),
-            // An area light shows no texture.
-            textures: any(&|m| !m.is_emitter() && m.diffuse_map.is_some()),
-            normals: scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE),
-            lens: scene.camera.aperture > 0.0,
-            distance,
-        }
+        let used =
+            scene.materials.iter().zip(used_materials(scene)).filter_map(|(material, used)| used.then_some(material));
+        Self::of_subject(&Subject { scene, used: used.collect(), distance })
+    }
+
+    /// Whether some BSDF is not all specular, so that light samples count.
+    fn has_non_specular(&self) -> bool {
+        self.phong
     }
 
     fn scatters(&self) -> bool {
-        self.phong || self.mirror || self.refractive || self.dielectric
+        self.has_non_specular() || self.mirror || self.refractive || self.dielectric
     }
 }
 
@@ -129,7 +166,7 @@ impl Needs {
             scatters,
             bounded: settings.max_bounces.is_some(),
             roulette: settings.roulette > 0.0 || settings.roulette_mode == RouletteMode::Throughput,
-            shadows: scatters && features.phong && lit && settings.integrator != Integrator::Implicit,
+            shadows: scatters && features.has_non_specular() && lit && settings.integrator != Integrator::Implicit,
             stack_size,
         }
     }
@@ -160,7 +197,10 @@ impl Needs {
                 Integrator::Explicit => INTEGRATOR_EXPLICIT,
                 Integrator::Mis => INTEGRATOR_MIS,
             },
-            sobol: settings.sampler == Sampler::Sobol,
+            sampler: match settings.sampler {
+                Sampler::Independent => SAMPLER_INDEPENDENT,
+                Sampler::Sobol => SAMPLER_SOBOL,
+            },
             environment,
             has_lights: lights,
             has_phong: phong,

@@ -67,10 +67,10 @@ impl AreaLights {
         if power == 0.0 {
             return Ok(Self::default());
         }
-        // Probability that a light is picked, over its area.
-        let density = |brightness: &f64| Self::BY_POWER * brightness / power + (1.0 - Self::BY_POWER) / area;
-        let densities: Vec<f64> = brightnesses.iter().map(density).collect();
-        let weights: Vec<f64> = areas.iter().zip(&densities).map(|(area, density)| area * density).collect();
+        // Pdf over area of a light sample among area lights.
+        let pdf = |brightness: &f64| Self::BY_POWER * brightness / power + (1.0 - Self::BY_POWER) / area;
+        let pdfs: Vec<f64> = brightnesses.iter().map(pdf).collect();
+        let weights: Vec<f64> = areas.iter().zip(&pdfs).map(|(area, pdf)| area * pdf).collect();
         let cell = |((_, triangle), cell): (&(u32, u32), AliasCell)| Light {
             triangle: *triangle,
             threshold: cell.threshold,
@@ -79,7 +79,7 @@ impl AreaLights {
         };
         Ok(Self {
             cells: lights.iter().zip(alias_table(&weights)).map(cell).collect(),
-            areas: densities.iter().map(|density| 1.0 / density).collect(),
+            areas: pdfs.iter().map(|pdf| 1.0 / pdf).collect(),
             power: PI * power,
         })
     }

@@ -17,7 +17,7 @@ use glam::{Vec2, Vec3};
 use thiserror::Error;
 
 use self::camera::camera_frame;
-pub use self::features::{Features, Needs};
+pub use self::features::{FeatureFlag, Features, Needs};
 use self::lights::{AreaLights, MAX_CELLS, brightness, sky_probability};
 use self::pack::{pack_coordinates, pack_material, pack_normals, pack_textures};
 use self::sky::Sky;
