@@ -226,7 +226,7 @@ fn there_and_back_through_an_interface_radiance_is_the_same() {
         if material.ior > 100.0 {
             continue;
         }
-        let cases: Vec<_> = specular_cases(index, material.ni, 1.0 - (-24_f32).exp2());
+        let cases: Vec<_> = specular_cases(index, material.ior, 1.0 - (-24_f32).exp2());
         let there: Vec<BsdfAnswer> = bench.run("bsdf", &cases.iter().map(|case| case.query).collect::<Vec<_>>());
         let crossed: Vec<_> =
             cases.iter().zip(&there).filter(|(case, answer)| vector(answer.direction).dot(case.n) < -1e-3).collect();
@@ -352,7 +352,7 @@ fn every_bsdf_answers_what_the_contract_says() {
         if takes_light && side_of_wi.abs() > 1e-5 {
             assert_eq!(drawn & REFLECT != 0, side_of_wo * side_of_wi > 0.0, "the side: {name}");
             let transmits = all & SIDES & !REFLECT != 0;
-            assert_eq!(eta, if transmits && side_of_wi < 0.0 { material.ni } else { 1.0 }, "eta: {name}");
+            assert_eq!(eta, if transmits && side_of_wi < 0.0 { material.ior } else { 1.0 }, "eta: {name}");
         }
         if all & SPECULAR != 0 {
             assert_eq!((value, pdf, sampled_pdf), ([0.0; 3], 0.0, f32::MAX), "one direction: {name}");
