@@ -5,7 +5,7 @@ mod common;
 
 use bytemuck::Zeroable;
 use common::{assert_silent, device};
-use raywave::constants::{SPEC_COUNT, SPEC_WORKGROUP_SIZE};
+use raywave::constants::Specialization;
 use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription};
 use raywave::layout::{Batch, Control, Frame, RayCount};
 use raywave::recording::Recording;
@@ -17,8 +17,7 @@ const LARGE: usize = (20 << 20) + 48;
 
 /// The kernels that resolve and size launches, with their buffers.
 fn executor(device: &Device) -> Executor {
-    let mut specialization = vec![0; SPEC_COUNT as usize];
-    specialization[SPEC_WORKGROUP_SIZE as usize] = 64;
+    let specialization = Specialization { workgroup_size: 64, ..Specialization::DEFAULT }.words();
     let state = |name, size: usize| BufferRole { name, usage: BufferUse::State, size: size as u64, contents: None };
     let frame = BufferRole { usage: BufferUse::Uniform, ..state(buffers::FRAME, size_of::<Frame>()) };
     let description = ExecutorDescription {

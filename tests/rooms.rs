@@ -129,6 +129,14 @@ fn of_render_only_session_and_replay_run_anything() {
 }
 
 #[test]
+fn image_formats_stay_in_image() {
+    let codecs = ["exr::", "png::", "image::codecs", "DynamicImage", "ImageReader", "RgbImage"];
+    assert_none("an image format outside src/image", |line| {
+        line.room != "image" && codecs.iter().any(|codec| line.code.contains(codec))
+    });
+}
+
+#[test]
 fn the_command_line_alone_prints() {
     let printers = ["print!", "println!", "eprint!", "eprintln!", "dbg!", "stdout", "stderr"];
     assert_none("output outside src/cli", |line| {

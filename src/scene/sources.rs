@@ -57,19 +57,19 @@ impl<'a> Sources<'a> {
         Self { files, folder, hash: blake3::Hasher::new(), warnings: Vec::new() }
     }
 
-    /// Reads a file, which then counts in the scene's hash. `named_at` is where the user finds its
-    /// name.
-    pub fn read(&mut self, path: &Path, named_at: &Location) -> Result<Vec<u8>, SceneError> {
-        match self.files.read(path) {
-            Ok(bytes) => {
-                self.add_to_hash(path, &bytes);
-                Ok(bytes)
-            }
-            Err(error) => {
-                let file = one_line(&path.to_string_lossy());
-                Err(named_at.refuse(format!("cannot read `{file}` ({error}); check the name")))
-            }
-        }
+    /// Reads a file, which then counts in the scene's hash.
+    pub fn read(&mut self, path: &Path) -> io::Result<Vec<u8>> {
+        let bytes = self.files.read(path)?;
+        self.add_to_hash(path, &bytes);
+        Ok(bytes)
+    }
+
+    /// Reads a file that the scene cannot do without. `named_at` is where the user finds its name.
+    pub fn require(&mut self, path: &Path, named_at: &Location) -> Result<Vec<u8>, SceneError> {
+        self.read(path).map_err(|error| {
+            let file = one_line(&path.to_string_lossy());
+            named_at.refuse(format!("cannot read `{file}` ({error}); check the name"))
+        })
     }
 
     /// Whether there is such a file.

@@ -102,7 +102,8 @@ fn decoded(file: &ImageFile, sources: &mut Sources) -> Result<Image, SceneError>
         let name = one_line(&file.path.to_string_lossy());
         file.location.refuse(format!("image `{name}` {}", one_line(&problem)))
     };
-    let bytes = sources.read(&file.path, &file.location)?;
+    let bytes =
+        sources.read(&file.path).map_err(|error| refuse(format!("cannot be read ({error}); check the name")))?;
     let image = decode_image(&file.path, &bytes).map_err(|problem| refuse(format!("cannot be decoded: {problem}")))?;
     if image.pixels.is_empty() {
         return Err(refuse("has no pixels; export it anew".into()));

@@ -27,7 +27,7 @@ use crate::settings::Named;
 
 /// Imports a scene file with the meshes that it names.
 pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, SceneError> {
-    let bytes = sources.read(path, &Location::file(path))?;
+    let bytes = sources.require(path, &Location::file(path))?;
     let text = String::from_utf8(bytes).map_err(|error| {
         let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
         let line = 1 + valid.iter().filter(|&&byte| byte == b'\n').count();
@@ -47,16 +47,14 @@ pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, Scene
         known.insert(path, mesh);
         import.instances.push(Instance { mesh, transform });
     }
-    for Override { name, location, definition } in overrides {
+    for Override { name, definition } in overrides {
         let mut is_used = false;
-        let mut materials = std::mem::take(&mut import.materials);
-        for material in materials.iter_mut().filter(|material| material.name == name) {
-            definition.apply(material, &mut import);
+        for material in import.materials.iter_mut().filter(|material| material.name == name) {
+            definition.apply(material, &mut import.images);
             is_used = true;
         }
-        import.materials = materials;
         if !is_used {
-            let name = excerpt(&one_line(&name));
+            let (location, name) = (&definition.location, excerpt(&one_line(&name)));
             sources.warn(format!("{location}: no mesh uses material `{name}`; the table has no effect"));
         }
     }
@@ -87,7 +85,6 @@ struct MeshEntry {
 #[derive(Debug)]
 struct Override {
     name: String,
-    location: Location,
     definition: Definition,
 }
 
@@ -385,8 +382,7 @@ impl Reader<'_> {
     }
 
     fn material(&self, material: &Spanned<String>, raw: &RawMaterial) -> Result<Override, SceneError> {
-        let location = self.location(&material.span());
-        let mut definition = Definition::at(location.clone());
+        let mut definition = Definition::at(self.location(&material.span()));
         let numeric = [
             ("Kd", &raw.Kd),
             ("Ks", &raw.Ks),
@@ -405,7 +401,7 @@ impl Reader<'_> {
             // An empty name takes the image of the MTL file away.
             definition.set_diffuse_image((!file.get_ref().is_empty()).then(|| self.image(file)));
         }
-        Ok(Override { name: name(material.get_ref()), location, definition })
+        Ok(Override { name: name(material.get_ref()), definition })
     }
 
     fn environment(&self, table: &Spanned<RawEnvironment>) -> Result<Environment, SceneError> {

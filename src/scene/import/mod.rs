@@ -131,15 +131,13 @@ pub(super) enum Environment {
     },
 }
 
-impl Import {
-    /// The index of an image, which is added where it is new.
-    fn image(&mut self, image: &ImageFile) -> usize {
-        let known = self.images.iter().position(|other| other.path == image.path);
-        known.unwrap_or_else(|| {
-            self.images.push(image.clone());
-            self.images.len() - 1
-        })
-    }
+/// The index of an image among those of an import, to which it is added where it is new.
+fn index_of_image(images: &mut Vec<ImageFile>, image: &ImageFile) -> usize {
+    let known = images.iter().position(|other| other.path == image.path);
+    known.unwrap_or_else(|| {
+        images.push(image.clone());
+        images.len() - 1
+    })
 }
 
 /// Imports a file by the importer that the extension of its name stands for.

@@ -8,7 +8,7 @@ use std::{
 
 use glam::Vec3;
 
-use super::{ImageFile, Import, Material};
+use super::{ImageFile, Material, index_of_image};
 use crate::scene::{
     Surface,
     error::{Location, SceneError},
@@ -24,7 +24,7 @@ pub(super) type Library = HashMap<String, Definition>;
 /// What is said of one material.
 #[derive(Debug, Clone)]
 pub(super) struct Definition {
-    location: Location,
+    pub location: Location,
     /// In the order in which they are laid over a material.
     properties: Vec<Property>,
     /// Warnings for a user whose scene uses this material, one line each.
@@ -93,8 +93,8 @@ impl Definition {
         self.warnings.push(format!("{location}: {warning}"));
     }
 
-    /// Lays what is said over a material of `import`.
-    pub fn apply(&self, material: &mut Material, import: &mut Import) {
+    /// Lays what is said over a material, whose image is then one of `images`.
+    pub fn apply(&self, material: &mut Material, images: &mut Vec<ImageFile>) {
         if material.location.is_none() {
             // It warned of nothing but its lack of a definition.
             material.warnings.clear();
@@ -111,7 +111,7 @@ impl Definition {
                 Property::Transmission(tint) => material.transmission = *tint,
                 Property::Emission(radiance) => material.emission = *radiance,
                 Property::DiffuseImage(image) => {
-                    material.diffuse_image = image.as_ref().map(|image| import.image(image));
+                    material.diffuse_image = image.as_ref().map(|image| index_of_image(images, image));
                 }
             }
         }

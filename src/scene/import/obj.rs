@@ -38,7 +38,7 @@ impl Importer {
         sources: &mut Sources,
         import: &mut Import,
     ) -> Result<usize, SceneError> {
-        let bytes = sources.read(path, named_at)?;
+        let bytes = sources.require(path, named_at)?;
         let text = String::from_utf8_lossy(&bytes);
         let refuse = |(line, problem)| Location::line(path, line).refuse(problem);
         let location = Location::file(path);
@@ -78,7 +78,7 @@ impl Importer {
             let mut material = Material::named(name);
             // Of two libraries that define a name the later one counts.
             match libraries.iter().rev().find_map(|library| library.get(name)) {
-                Some(definition) => definition.apply(&mut material, import),
+                Some(definition) => definition.apply(&mut material, &mut import.images),
                 // Where an MTL file is missing, one warning is enough for all its materials.
                 None if !lacks_library && name != UNNAMED => {
                     let location = Location { path: path.to_path_buf(), line: *line };
@@ -105,7 +105,7 @@ impl Importer {
         if let Some(library) = self.libraries.get(path) {
             return Ok(library.clone());
         }
-        let library = match sources.read(path, named_at) {
+        let library = match sources.require(path, named_at) {
             Ok(bytes) => Some(Rc::new(mtl::read(path, &String::from_utf8_lossy(&bytes))?)),
             Err(error) => {
                 sources.warn(format!("{error}; default materials are taken"));
