@@ -362,16 +362,17 @@ fn two_digits(value: f64) -> String {
 pub static SETTINGS: &[Setting] = &[
     counted! {
         width in 1..=65_536,
-        flag: "width", key: "width_pixels", help: "Image width in pixels", of_scene: true, role: Role::Workload,
+        flag: "width", key: "width_pixels", placeholder: "WIDTH", help: "Image width in pixels", of_scene: true, role: Role::Workload,
     },
     counted! {
         height in 1..=65_536,
-        flag: "height", key: "height_pixels", help: "Image height in pixels", of_scene: true, role: Role::Workload,
+        flag: "height", key: "height_pixels", placeholder: "HEIGHT", help: "Image height in pixels", of_scene: true, role: Role::Workload,
     },
     counted! {
         samples in 1..=u32::MAX,
         flag: "samples",
         key: "samples_per_pixel",
+        placeholder: "SAMPLES",
         help: "Samples per pixel",
         more: "up to 2^24",
         meaning: "samples per pixel",
@@ -491,7 +492,7 @@ pub static SETTINGS: &[Setting] = &[
     },
     counted! {
         seed in 0..=u32::MAX,
-        flag: "seed", key: "seed", help: "Seed of the random numbers", role: Role::Estimator,
+        flag: "seed", key: "seed", placeholder: "SEED", help: "Seed of the random numbers", role: Role::Estimator,
     },
     chosen! {
         path_state: PathState,
@@ -539,6 +540,18 @@ pub static SETTINGS: &[Setting] = &[
         ..PLAIN
     },
     chosen_or_auto! {
+        scheduler: Scheduler,
+        flag: "scheduler",
+        key: "scheduler",
+        help: "How the work is cut into kernels; the image is the same to the last bit",
+        otherwise: "`bounce` on GPUs. On software of eight lanes a subgroup `megakernel`, for scenes that are a list of \
+                    triangles, for others from 524,288 samples on; where the driver limits loops, up to 255 bounces, and \
+                    as long as paths are so short that an invocation can follow 16; else `bounce`. `wavefront` on \
+                    software of fewer lanes, and with `--sort`",
+        meaning: "scheduler",
+        levels: &["wavefront", "bounce", "megakernel"],
+    },
+    chosen_or_auto! {
         bvh: BvhKind,
         flag: "bvh",
         key: "bvh",
@@ -571,18 +584,6 @@ pub static SETTINGS: &[Setting] = &[
         get: |settings| settings.packets.map_or(Value::Auto, |packets| Value::RayClasses(packets.to_string())),
         set: |settings, text| text.parse().map(|packets| settings.packets = Some(packets)),
         ..PLAIN
-    },
-    chosen_or_auto! {
-        scheduler: Scheduler,
-        flag: "scheduler",
-        key: "scheduler",
-        help: "How the work is cut into kernels; the image is the same to the last bit",
-        otherwise: "`bounce` on GPUs. On software of eight lanes a subgroup `megakernel`, for scenes that are a list of \
-                    triangles, for others from 524,288 samples on; where the driver limits loops, up to 255 bounces, and \
-                    as long as paths are so short that an invocation can follow 16; else `bounce`. `wavefront` on \
-                    software of fewer lanes, and with `--sort`",
-        meaning: "scheduler",
-        levels: &["wavefront", "bounce", "megakernel"],
     },
     chosen! {
         sort: Sort,

@@ -10,9 +10,10 @@ use crate::settings::{Role, Setting, Settings, Values, parse_count};
 /// Most combinations of a study. Each is rendered dozens of times.
 pub const MAX_COMBINATIONS: usize = 4096;
 
-/// The names of all settings that a study can vary, for messages.
+/// The names of all settings that a study can vary, for messages: what leaves the image as it is first.
 pub(super) fn names() -> String {
-    Setting::factors().map(|setting| setting.flag).collect::<Vec<_>>().join(", ")
+    let of = |role| Setting::factors().filter(move |setting| setting.role == role).map(|setting| setting.flag);
+    [Role::Schedule, Role::Estimator, Role::Workload].into_iter().flat_map(of).collect::<Vec<_>>().join(", ")
 }
 
 /// A setting and the levels that a study gives it, the first of which is the baseline's.
