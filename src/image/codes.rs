@@ -5,13 +5,13 @@ use std::io::{self, BufWriter, Cursor, Write};
 use ::image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use glam::Vec3;
 
-use super::{Image, ImageProblem, format::Format, limits::check_size, srgb};
+use super::{Image, ImageProblem, limits::check_size, srgb};
 
 /// Reads codes of 8 or 16 bits, taken as sRGB whatever the file's colour profile says. Alpha is
-/// ignored.
-pub fn decode(format: Format, container: ImageFormat, bytes: &[u8]) -> Result<Image, ImageProblem> {
-    let damaged = |error: ::image::ImageError| ImageProblem::decode(format, error);
-    let mut reader = ImageReader::with_format(Cursor::new(bytes), container);
+/// ignored. `name` is what messages call the format.
+pub fn decode(name: &'static str, format: ImageFormat, bytes: &[u8]) -> Result<Image, ImageProblem> {
+    let damaged = |error: ::image::ImageError| ImageProblem::decode(name, error);
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     // What is too large is refused below, by the number of its pixels.
     reader.no_limits();
     let decoder = reader.into_decoder().map_err(damaged)?;

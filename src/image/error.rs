@@ -2,8 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{MAX_PIXELS, format::Format};
-
 /// An image file that could not be written or read. The message is one line, names the file and
 /// says what to do; the cause is part of the text, so nothing is lost where sources are not printed.
 #[derive(Debug, thiserror::Error)]
@@ -72,12 +70,14 @@ pub enum ImageProblem {
         channels: String,
     },
     /// The file claims more pixels than this program reads.
-    #[error("{width} x {height} pixels are more than the {MAX_PIXELS} that can be read; scale it down")]
+    #[error("{width} x {height} pixels are more than the {most} that can be read; scale it down")]
     TooLarge {
         /// Width in pixels.
         width: u64,
         /// Height in pixels.
         height: u64,
+        /// Pixels that can be read.
+        most: u64,
     },
     /// Metadata was requested from a format that carries none here.
     #[error("only .exr files carry metadata; name one")]
@@ -86,8 +86,8 @@ pub enum ImageProblem {
 
 impl ImageProblem {
     /// What a decoder reports of damaged contents.
-    pub(super) fn decode(format: Format, cause: impl ToString) -> Self {
-        Self::Decode { format: format.name(), cause: cause.to_string() }
+    pub(super) fn decode(format: &'static str, cause: impl ToString) -> Self {
+        Self::Decode { format, cause: cause.to_string() }
     }
 
     /// The problem of the file at `path`.

@@ -25,8 +25,10 @@ use exr::{
 };
 use glam::Vec3;
 
-use super::{Image, ImageProblem, format::Format, limits::check_size};
+use super::{Image, ImageProblem, limits::check_size};
 
+/// What the format is called in messages.
+pub(super) const NAME: &str = "EXR";
 /// The first bytes of every EXR file.
 pub(super) const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 /// Bytes before the first attribute: magic and version.
@@ -171,7 +173,7 @@ fn read_name(reader: &mut impl BufRead) -> io::Result<String> {
 /// lossy compression, scanlines or tiles. The data window becomes the image. Alpha and all other
 /// channels are ignored.
 pub fn decode(bytes: &[u8]) -> Result<Image, ImageProblem> {
-    let damaged = |error: exr::error::Error| ImageProblem::decode(Format::Exr, error);
+    let damaged = |error: exr::error::Error| ImageProblem::decode(NAME, error);
     // The header first: it is small, and says whether the rest fits into memory.
     let meta = MetaData::read_from_buffered(bytes, false).map_err(damaged)?;
     for header in &meta.headers {

@@ -135,10 +135,10 @@ fn decode(format: Format, bytes: &[u8]) -> Result<Image, ImageProblem> {
     match format {
         Format::Exr => exr::decode(bytes),
         Format::Hdr => rgbe::decode(bytes),
-        Format::Png => codes::decode(format, ImageFormat::Png, bytes),
-        Format::Jpeg => codes::decode(format, ImageFormat::Jpeg, bytes),
-        Format::Tga => codes::decode(format, ImageFormat::Tga, bytes),
-        Format::Bmp => codes::decode(format, ImageFormat::Bmp, bytes),
+        Format::Png => codes::decode("PNG", ImageFormat::Png, bytes),
+        Format::Jpeg => codes::decode("JPEG", ImageFormat::Jpeg, bytes),
+        Format::Tga => codes::decode("TGA", ImageFormat::Tga, bytes),
+        Format::Bmp => codes::decode("BMP", ImageFormat::Bmp, bytes),
     }
 }
 
@@ -154,7 +154,7 @@ pub fn read_metadata(path: &Path) -> Result<Vec<(String, String)>, ImageError> {
             return Err(ImageProblem::NoMetadata);
         }
         let file = File::open(path).map_err(|cause| ImageProblem::Open { cause })?;
-        exr::text_attributes(BufReader::new(file)).map_err(|cause| ImageProblem::decode(Format::Exr, cause))
+        exr::text_attributes(BufReader::new(file)).map_err(|cause| ImageProblem::decode(exr::NAME, cause))
     };
     read().map_err(|problem| problem.at(path))
 }

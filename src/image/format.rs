@@ -56,18 +56,6 @@ impl Format {
         ];
         magic.into_iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, format)| format)
     }
-
-    /// What the format is called.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Exr => "EXR",
-            Self::Hdr => "Radiance HDR",
-            Self::Png => "PNG",
-            Self::Jpeg => "JPEG",
-            Self::Tga => "TGA",
-            Self::Bmp => "BMP",
-        }
-    }
 }
 
 #[cfg(test)]

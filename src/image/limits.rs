@@ -9,6 +9,6 @@ pub const MAX_PIXELS: u64 = 1 << 28;
 pub(super) fn check_size(width: u64, height: u64) -> Result<(), ImageProblem> {
     match width.checked_mul(height) {
         Some(pixels) if pixels <= MAX_PIXELS => Ok(()),
-        _ => Err(ImageProblem::TooLarge { width, height }),
+        _ => Err(ImageProblem::TooLarge { width, height, most: MAX_PIXELS }),
     }
 }

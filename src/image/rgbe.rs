@@ -8,7 +8,7 @@ use std::io::{self, Write};
 use ::image::{DynamicImage, ImageDecoder, codecs::hdr::HdrDecoder};
 use glam::Vec3;
 
-use super::{Image, ImageProblem, format::Format, limits::check_size};
+use super::{Image, ImageProblem, limits::check_size};
 
 /// Largest exponent byte. The stored value is mantissa * 2^(exponent - 136).
 const MAX_EXPONENT: i32 = 255;
@@ -48,7 +48,7 @@ fn mantissa(light: f64, exponent: i32) -> f64 {
 
 /// Reads a Radiance file, flat or run-length coded, and divides its `EXPOSURE` out.
 pub fn decode(bytes: &[u8]) -> Result<Image, ImageProblem> {
-    let damaged = |cause: String| ImageProblem::decode(Format::Hdr, cause);
+    let damaged = |cause: String| ImageProblem::decode("Radiance HDR", cause);
     if !bytes.starts_with(b"#?") {
         return Err(damaged("it does not begin with #?RADIANCE".into()));
     }
