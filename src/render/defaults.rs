@@ -187,7 +187,7 @@ impl Defaults {
     /// expects; and a light sample, which takes one a level of the sky.
     fn safe_paths_per_invocation(&self, settings: &Settings, levels: SceneLevels) -> u32 {
         let Some(most) = self.loop_turns else { return u32::MAX };
-        let vertices = settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1));
+        let vertices = settings.vertices();
         let ray = (4 * levels.bvh.max(1)).max(levels.bvh_tests.saturating_mul(3));
         let vertex = ray.saturating_mul(2).saturating_add(levels.sky).saturating_add(settings.shading_cost);
         let turns = vertices.saturating_mul(vertex);

@@ -112,7 +112,7 @@ impl Schedule {
             packets: settings.packets.unwrap_or_default(),
             casts_shadows: needs.shadows,
             queues_shadow_rays,
-            vertices: settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1)),
+            vertices: settings.vertices(),
             plan: *plan,
         }
     }

@@ -165,6 +165,11 @@ impl Settings {
         SETTINGS.iter().filter(|setting| (setting.bias)(self).is_some()).map(|setting| setting.flag).collect()
     }
 
+    /// Vertices of the longest path: one after the last bounce, where it may still find emission.
+    pub fn vertices(&self) -> u32 {
+        self.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1))
+    }
+
     /// Whether they make sense together.
     ///
     /// # Errors
