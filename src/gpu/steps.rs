@@ -213,7 +213,7 @@ mod tests {
     #[test]
     fn a_submission_has_no_more_steps_than_fit() {
         let mut recording = Recording::default();
-        assert_eq!(cut(&recording, 16), [vec![String::new(); 0]]);
+        assert_eq!(cut(&recording, 16), [Vec::<String>::new()]);
         recording.clear("a").copy("a", "b", 16).dispatch(kernels::RESOLVE, 1, &0_u32).clear("c");
         assert_eq!(cut(&recording, 16), [vec!["clear a", "copy a to b", "resolve"], vec!["clear c"]]);
     }

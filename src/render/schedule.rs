@@ -1,18 +1,19 @@
 //! The frame function: how each scheduler takes a batch of paths from the camera to the film.
 //!
-//! [`Schedule::record`] is the whole of it: generate, then extend, shade and connect until no path is left, then resolve.
-//! It writes down passes and runs none; [`super::Session`] runs them and reads the film. Shading, light sampling and
-//! traversal are the same GLSL functions whatever kernel calls them, so the schedulers' images agree to the last bit.
+//! [`Schedule::record`] is the whole of it: generate, then extend, shade and connect until no path is left, then resolve;
+//! [`Schedule::read`] follows once a tile has its samples. They write down commands and run none, which is up to
+//! [`super::Session`]. Shading, light sampling and traversal are the same GLSL functions whatever kernel calls them, so the
+//! schedulers' images agree to the last bit.
 
 use std::convert::Infallible;
 use std::mem::offset_of;
 
-use super::plan::{Plan, SampleRange};
+use super::plan::{Plan, SampleRange, Tile};
 use super::prepare::Needs;
 use super::settings::{Packets, Scheduler, Settings, ShadowRays, Sort};
-use crate::layout::{Batch, Control};
+use crate::layout::{Batch, Control, FilmPixel};
 use crate::rays::RayClass;
-use crate::recording::Recording;
+use crate::recording::{Dispatch, Recording};
 use crate::shaders::{Kernel, buffers, kernels};
 
 /// A batch of paths, and where their radiance goes.
@@ -46,24 +47,7 @@ const RAYS: (&str, usize) = (buffers::CONTROL, offset_of!(Control, ray_groups));
 const SHADOW_RAYS: (&str, usize) = (buffers::CONTROL, offset_of!(Control, shadow_groups));
 
 impl Schedule {
-    /// The frame of a scheduler, for kernels that have what the render needs.
-    pub fn new(scheduler: Scheduler, settings: &Settings, needs: &Needs, plan: &Plan) -> Self {
-        let queues_shadow_rays = match settings.shadow_rays {
-            ShadowRays::Deferred => scheduler != Scheduler::Megakernel,
-            ShadowRays::AtOnce => scheduler == Scheduler::Wavefront,
-        };
-        Self {
-            scheduler,
-            sort: settings.sort,
-            packets: settings.packets.unwrap_or_default(),
-            casts_shadows: needs.shadows,
-            queues_shadow_rays,
-            vertices: settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1)),
-            plan: *plan,
-        }
-    }
-
-    /// Appends the passes of a batch to `frame`.
+    /// Records the passes of a batch.
     ///
     /// Where paths wait in queues, `goes_on` is called before each bounce and after the last, with the number of bounces
     /// recorded so far. It may run what `frame` holds, empty it and look at the queues; the frame ends when it returns
@@ -84,12 +68,13 @@ impl Schedule {
                 let mut bounce = 0;
                 self.generate(frame, batch);
                 while goes_on(frame, bounce)? {
+                    let (now, next) = (batch.at_bounce(bounce), batch.at_bounce(bounce + 1));
                     frame.bounce(bounce, |frame| {
-                        self.extend(frame, batch.at_bounce(bounce));
-                        self.sort(frame, batch.at_bounce(bounce));
-                        self.shade(frame, batch.at_bounce(bounce));
-                        self.prepare(frame, batch.at_bounce(bounce + 1));
-                        self.connect(frame, batch.at_bounce(bounce));
+                        self.extend(frame, now);
+                        self.sort(frame, now);
+                        self.shade(frame, now);
+                        self.prepare(frame, next);
+                        self.connect(frame, now);
                     });
                     bounce += 1;
                 }
@@ -98,10 +83,11 @@ impl Schedule {
                 let mut bounce = 0;
                 self.generate(frame, batch);
                 while goes_on(frame, bounce)? {
+                    let (now, next) = (batch.at_bounce(bounce), batch.at_bounce(bounce + 1));
                     frame.bounce(bounce, |frame| {
-                        self.extend_and_shade(frame, batch.at_bounce(bounce));
-                        self.prepare(frame, batch.at_bounce(bounce + 1));
-                        self.connect(frame, batch.at_bounce(bounce));
+                        self.extend_and_shade(frame, now);
+                        self.prepare(frame, next);
+                        self.connect(frame, now);
                     });
                     bounce += 1;
                 }
@@ -114,6 +100,23 @@ impl Schedule {
         Ok(())
     }
 
+    /// The schedule of a render whose kernels have what it needs.
+    pub fn new(scheduler: Scheduler, settings: &Settings, needs: &Needs, plan: &Plan) -> Self {
+        let queues_shadow_rays = match settings.shadow_rays {
+            ShadowRays::Deferred => scheduler != Scheduler::Megakernel,
+            ShadowRays::AtOnce => scheduler == Scheduler::Wavefront,
+        };
+        Self {
+            scheduler,
+            sort: settings.sort,
+            packets: settings.packets.unwrap_or_default(),
+            casts_shadows: needs.shadows,
+            queues_shadow_rays,
+            vertices: settings.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1)),
+            plan: *plan,
+        }
+    }
+
     /// The kernels that frames run, each once.
     pub fn kernels(&self) -> Vec<&'static Kernel> {
         // Camera rays and those after a bounce may be traced by different kernels.
@@ -122,16 +125,16 @@ impl Schedule {
         let mut recording = Recording::default();
         let work = Work { batch: one, first_slot: 0, resolves: true };
         let Ok(()) = short.record(&mut recording, work, |_, _| Ok::<_, Infallible>(true));
-        let mut kernels = Vec::new();
-        for dispatch in recording.dispatches() {
-            if !kernels.iter().any(|kernel: &&Kernel| kernel.name == dispatch.kernel.name) {
-                kernels.push(dispatch.kernel);
+        let mut all: Vec<&Kernel> = Vec::new();
+        for Dispatch { kernel, .. } in recording.dispatches() {
+            if all.iter().all(|other| other.name != kernel.name) {
+                all.push(kernel);
             }
         }
-        kernels
+        all
     }
 
-    /// The longest path's number of vertices.
+    /// Vertices of the longest path.
     pub fn vertices(&self) -> u32 {
         self.vertices
     }
@@ -153,6 +156,13 @@ impl Schedule {
             self.prepare(frame, samples.at_bounce(1));
         }
         frame.dispatch(kernels::RESOLVE, self.plan.groups(samples.pixel_count), &samples.at_bounce(0));
+    }
+
+    /// Reads the film of a tile.
+    pub fn read(&self, frame: &mut Recording, tile: Tile) {
+        // The last tile may have fewer rows than the buffer.
+        let pixels = u64::from(tile.rows) * u64::from(self.plan.width);
+        frame.download_first(buffers::FILM, pixels * size_of::<FilmPixel>() as u64);
     }
 
     /// Starts a path in every slot and queues its camera ray.
@@ -223,7 +233,7 @@ pub fn connect_kernel(packets: Packets) -> &'static Kernel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::{Dispatch, Workgroups};
+    use crate::recording::Workgroups;
     use crate::scene::Scene;
 
     const BATCH: SampleRange =

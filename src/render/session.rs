@@ -581,10 +581,8 @@ impl Session {
         self.resolve()?;
         self.executor.wait()?;
         let _stage = self.executor.stages().begin("read film");
-        // The last tile may have fewer rows than the buffer.
-        let bytes = u64::from(tile.rows * self.plan.width) * size_of::<FilmPixel>() as u64;
         let mut recording = Recording::default();
-        recording.download_first(buffers::FILM, bytes);
+        self.schedule.read(&mut recording, tile);
         self.executor.run_seen(&recording, |_, _, part| show(bytemuck::cast_slice(part)))
     }
 
