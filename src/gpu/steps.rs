@@ -288,11 +288,12 @@ mod tests {
 
     #[test]
     fn an_indirect_launch_waits_for_its_size() {
-        // `resolve` does not bind the buffer that says how large the launch is.
+        // The kernel does not bind the buffer that says how large the launch is.
         let mut recording = Recording::default();
         recording.clear("sizes").dispatch(kernels::RESOLVE, 1, &0_u32);
         assert!(waiting(&recording).is_empty());
-        recording.dispatch_indirect(kernels::GENERATE, ("sizes", 0), &0_u32);
-        assert_eq!(waiting(&recording), ["generate"]);
+        recording = Recording::default();
+        recording.clear("sizes").dispatch_indirect(kernels::RESOLVE, ("sizes", 0), &0_u32);
+        assert_eq!(waiting(&recording), ["resolve"]);
     }
 }
