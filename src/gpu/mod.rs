@@ -1,5 +1,8 @@
 //! Vulkan: devices, memory, pipelines and the executor of recordings.
 //!
+//! An [`Executor`] makes `resources` and `pipeline`s where `memory` says that they fit. It cuts a recording into `steps`,
+//! `submit` records these with the barriers that `hazards` asks for, and `times` keeps what their timestamps say.
+//!
 //! The only room with `ash` and with `unsafe`. It knows kernels by the table and buffers by their
 //! roles; it knows nothing of scenes or of light.
 #![allow(unsafe_code)]
@@ -19,6 +22,7 @@ mod pipeline_cache;
 mod resources;
 mod roles;
 mod steps;
+mod submit;
 mod times;
 
 pub use clock::Alignment;
