@@ -1,17 +1,17 @@
 //! Renders a scene file to an image: `cargo run --release --example render -- scenes/cornell-box.toml box.png`.
 
-use std::error::Error;
 use std::path::PathBuf;
 
+use anyhow::bail;
 use raywave::Renderer;
 use raywave::film::{WriteOptions, write_image};
 use raywave::gpu::Device;
 use raywave::render::Settings;
 use raywave::scene::Scene;
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> anyhow::Result<()> {
     let paths: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
-    let [scene, image] = &paths[..] else { return Err("usage: render SCENE.toml IMAGE.exr|png|hdr".into()) };
+    let [scene, image] = &paths[..] else { bail!("usage: render SCENE.toml IMAGE.exr|png|hdr") };
     let scene = Scene::load(scene)?;
     let outcome = Renderer::new(&Device::find(None)?)?.render(&scene, &Settings::of(&scene))?;
     write_image(image, &outcome.image(), &WriteOptions::default())?;
