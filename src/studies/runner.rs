@@ -13,7 +13,7 @@ use super::{Configuration, Design, StudyError};
 use crate::image::Image;
 use crate::stats::SplitMix64;
 
-/// After 1/N more rounds they are analysed again, for which the device waits.
+/// Results are analysed again only after 1/N more rounds, since the device waits for the analysis.
 const ROUNDS_PER_ANALYSIS: usize = 8;
 
 /// How often everything is repeated.
