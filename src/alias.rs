@@ -1,17 +1,17 @@
-//! Alias tables: a pick from a discrete distribution in constant time. (Walker 1974; Vose 1991)
+//! Alias tables: sampling a discrete distribution in constant time. (Walker 1974; Vose 1991)
 
 /// Cell of an alias table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AliasCell {
-    /// Probability that the cell stands for itself, [0, 1].
+    /// Probability that the cell yields itself, in [0, 1].
     pub threshold: f32,
-    /// The cell that it stands for otherwise.
+    /// The outcome that it yields otherwise.
     pub alias: u32,
 }
 
 /// Builds the table for weights, each at least 0 and finite, with a sum above 0.
 ///
-/// A pick takes cell `i` uniformly and yields `i` with probability `threshold`, else `alias`.
+/// A sample chooses cell `i` uniformly and yields `i` with probability `threshold`, else `alias`.
 pub fn alias_table(weights: &[f64]) -> Vec<AliasCell> {
     let mean = weights.iter().sum::<f64>() / weights.len() as f64;
     let mut share: Vec<f64> = weights.iter().map(|weight| weight / mean).collect();
@@ -25,8 +25,8 @@ pub fn alias_table(weights: &[f64]) -> Vec<AliasCell> {
             poor.push(giver);
         }
     }
-    // Rounding leaves some cells a hair poor with no giver left. They stand for themselves,
-    // except that a weight of 0 must never be picked.
+    // Rounding leaves some cells slightly poor with no rich cell left. They represent themselves, except that a weight
+    // of 0 must never be chosen.
     for cell in poor {
         if weights[cell] == 0.0 {
             let heaviest = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b])).unwrap_or(cell);

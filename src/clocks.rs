@@ -1,8 +1,8 @@
-//! Clocks, power, temperature and throttling of a device, as far as its driver tells.
+//! Clocks, power, temperature and throttling of a device, as far as its driver reports them.
 //!
-//! A speed means little without the clock that it was reached at. NVIDIA's drivers tell by NVML, a library that is
-//! loaded where there is one; of other devices nothing is known. This room knows nothing of Vulkan: a device is told by
-//! the UUID that all interfaces to it share.
+//! A speed means little without the clock that it was reached at. NVIDIA's drivers report it through NVML, a library
+//! that is loaded if there is one; for other devices nothing is known. This room knows nothing of Vulkan: it identifies
+//! a device by the UUID that all interfaces to it share.
 
 use std::sync::OnceLock;
 
@@ -11,28 +11,28 @@ use nvml_wrapper::bitmasks::device::ThrottleReasons;
 use nvml_wrapper::enum_wrappers::device::{Clock, TemperatureSensor};
 use serde::{Deserialize, Serialize};
 
-/// What a device was like at a time. What its driver does not tell is `None`.
+/// The state of a device at a time. What its driver does not report is `None`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ClockState {
     /// Clock of its processors.
     pub sm_megahertz: Option<u32>,
     /// Clock of its memory.
     pub memory_megahertz: Option<u32>,
-    /// What it draws, with its board.
+    /// Power that it draws, with its board.
     pub power_watts: Option<f64>,
     /// Temperature of the chip.
     pub temperature_celsius: Option<u32>,
-    /// Why its clocks are lower than they could be, by NVML's names; empty where they are not.
+    /// Why its clocks are lower than they could be, by NVML's names; empty if they are not.
     pub throttle_reasons: Option<Vec<String>>,
 }
 
-/// Whatever tells of the clocks of one device: its driver, or a fake one in tests.
+/// A source of one device's clocks: its driver, or a fake one in tests.
 pub trait Clocks {
-    /// What the device is like now.
+    /// The state of the device now.
     fn state(&self) -> ClockState;
 }
 
-/// The clocks of the device of that UUID; `None` where nothing tells of them.
+/// The clocks of the device of that UUID; `None` if nothing reports them.
 pub fn of_device(uuid: [u8; 16]) -> Option<Box<dyn Clocks>> {
     let device = nvml()?.device_by_uuid(nvidia_name(uuid)).ok()?;
     Some(Box::new(NvidiaClocks(device)))
@@ -42,7 +42,7 @@ pub fn of_device(uuid: [u8; 16]) -> Option<Box<dyn Clocks>> {
 fn nvml() -> Option<&'static Nvml> {
     static NVML: OnceLock<Option<Nvml>> = OnceLock::new();
     let load = || {
-        // The name without a version is there only where programs are built.
+        // The name without a version exists only where development packages are installed.
         let versioned = Nvml::builder().lib_path("libnvidia-ml.so.1".as_ref()).init();
         versioned.or_else(|_| Nvml::init()).ok()
     };

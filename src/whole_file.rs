@@ -9,14 +9,14 @@ use tempfile::{Builder, NamedTempFile};
 /// Whether a file could be written at `path`. Leaves no trace.
 ///
 /// # Errors
-/// A path that is a folder, a folder that is missing or takes no new file.
+/// A path that is a folder, a folder that is missing or that no file can be created in.
 pub fn check(path: &Path) -> io::Result<()> {
-    // Permission bits do not tell (superuser, read-only file systems), so a file is made.
+    // Permission bits do not say enough (superuser, read-only file systems), so a file is created.
     beside(path).map(drop)
 }
 
-/// Writes a file under a temporary name, then renames it, replacing what stood there. It gets the
-/// permissions of any new file.
+/// Writes a file under a temporary name, then renames it, replacing any file of that name. It gets the permissions of
+/// any new file.
 ///
 /// # Errors
 /// What [`check`] finds, and a full disk.

@@ -1,7 +1,7 @@
 //! The bounding volume hierarchy: built by obvhs, kept as the nodes that the kernels read.
 //!
-//! Also the CPU traversal of the same nodes, which is the oracle of the kernels' traversal. This
-//! room knows triangles and rays; it knows nothing of scenes' files, materials or the GPU.
+//! It also has the CPU traversal of the same nodes, which is the oracle of the kernels' traversal. This room knows
+//! triangles and rays; it knows nothing of scene files, materials or the GPU.
 
 mod traverse;
 mod wide;
@@ -29,12 +29,11 @@ pub const MAX_TRIANGLES: usize = 1 << LEAF_COUNT_SHIFT;
 /// Most triangles that a list can hold.
 pub const MAX_LISTED: usize = LISTED_TRIANGLES as usize;
 
-/// Levels after which the rest of a tree is balanced. Trees of scenes are shallower; but of boxes
-/// that coincide obvhs makes a chain as long as they are many, and the kernels' stack has an entry
-/// for each level.
+/// Levels after which the rest of a tree is balanced. Trees of real scenes are shallower; but obvhs turns N coincident
+/// boxes into a chain of N levels, and the kernels' stack has an entry for each level.
 const FREE_LEVELS: u32 = 60;
 
-/// Shapes that a tree can be given.
+/// Kinds of BVH.
 #[derive(
     Debug,
     Clone,
@@ -63,13 +62,13 @@ pub enum BvhKind {
 }
 
 impl BvhKind {
-    /// The shapes that so many triangles can be given.
+    /// The kinds that can hold that many triangles.
     pub fn all_of(triangles: usize) -> impl Iterator<Item = Self> {
         let list = (triangles <= MAX_LISTED).then_some(Self::List);
         list.into_iter().chain([Self::Bvh2, Self::Bvh4, Self::Cwbvh])
     }
 
-    /// Children of a node; 1 where there are none.
+    /// Children of a node; 1 for a list, which has no nodes.
     pub fn width(self) -> u32 {
         match self {
             Self::List => 1,
@@ -79,7 +78,7 @@ impl BvhKind {
         }
     }
 
-    /// Most places for nodes that references can address.
+    /// Most node slots that references can address.
     pub fn max_nodes(self) -> usize {
         match self {
             Self::List => 0,
@@ -102,30 +101,30 @@ impl BvhKind {
 pub struct Bvh {
     /// Its shape.
     pub kind: BvhKind,
-    /// Inner nodes as the kernels read them, the root first. A tree of one leaf has a root with one
-    /// child; a list has no nodes; between the nodes of a wide tree a few places are empty.
+    /// Inner nodes as the kernels read them, the root first. A tree of one leaf has a root with one child; a list has
+    /// no nodes; a wide tree has a few empty slots between its nodes.
     pub texels: Vec<[u32; 4]>,
     /// Inner nodes.
     pub node_count: usize,
     /// For each place in leaf order, the index of the triangle in the input.
     pub order: Vec<u32>,
-    /// Inner nodes on the longest way from the root to a leaf, at most 60 more than in a balanced
-    /// tree of all leaves. A traversal never has more entries than that on its stack.
+    /// Inner nodes on the longest path from the root to a leaf, at most 60 more than in a balanced tree of all leaves.
+    /// A traversal never has more entries than that on its stack.
     pub depth: u32,
     /// Leaves that hold triangles.
     pub leaf_count: u32,
-    /// Expected cost of a random ray that meets the root box, in triangle tests, with an inner
-    /// node at the price of one. (Surface area heuristic, MacDonald and Booth 1990)
+    /// Expected cost of a random ray that hits the root box, in triangle tests; a node visit costs as much as one.
+    /// (Surface area heuristic, MacDonald and Booth 1990)
     pub sah_cost: f64,
     /// Time that it took to build.
     pub build_time: Duration,
 }
 
 impl Bvh {
-    /// Builds the hierarchy of at least 1 and at most [`MAX_TRIANGLES`] triangles. It is of use if it
-    /// has no more than [`BvhKind::max_nodes`].
+    /// Builds the hierarchy of at least 1 and at most [`MAX_TRIANGLES`] triangles. Kernels can use it if it has no more
+    /// than [`BvhKind::max_nodes`].
     ///
-    /// Whatever its shape, it comes from one kind of binary tree: PLOC with reinsertion, no spatial splits.
+    /// Every kind is made from the same binary tree: PLOC with reinsertion, no spatial splits.
     pub fn build(kind: BvhKind, triangles: &[[Vec3; 3]]) -> Self {
         let start = Instant::now();
         if kind == BvhKind::List {
@@ -141,7 +140,7 @@ impl Bvh {
         bvh
     }
 
-    /// Lays a binary tree out in nodes of that shape.
+    /// Lays a binary tree out in nodes of that kind.
     fn of_tree(kind: BvhKind, tree: &Bvh2) -> Self {
         let mut bvh = Self {
             kind,
@@ -161,7 +160,7 @@ impl Bvh {
         bvh
     }
 
-    /// No tree: one leaf of all triangles, in the order that they come in.
+    /// No tree: one leaf of all triangles, in their input order.
     fn list(triangles: usize, start: Instant) -> Self {
         Self {
             kind: BvhKind::List,
@@ -175,7 +174,7 @@ impl Bvh {
         }
     }
 
-    /// Places for nodes, taken or empty.
+    /// Node slots, used or empty.
     pub fn node_places(&self) -> usize {
         self.texels.len() / self.kind.node_texels()
     }
@@ -189,7 +188,7 @@ impl Bvh {
     /// The nodes of a two-wide tree.
     ///
     /// # Panics
-    /// When the tree is of another shape.
+    /// When the tree is of another kind.
     pub fn binary_nodes(&self) -> &[Node] {
         assert_eq!(self.kind, BvhKind::Bvh2, "another tree has other nodes");
         bytemuck::cast_slice(&self.texels)
@@ -253,22 +252,22 @@ impl Bvh {
 /// fraction of their time, and without spatial splits, so that every triangle lies in one leaf and
 /// every box holds its triangles whole.
 ///
-/// As its preset `medium_build`, but for shorter series of reinsertions: 4 instead of 16 turns, and
-/// no more after leaves are merged than before; none where leaves stay single, for a wide tree, of which
-/// they save 0 to 2 % of the nodes that a ray visits at an eighth of the build.
+/// As its preset `medium_build`, but with shorter series of reinsertions: 4 iterations instead of 16, after leaves are
+/// merged as before. A wide tree, whose leaves stay single, gets no second series: it would save 0 to 2 % of the nodes
+/// that a ray visits for an eighth of the build time.
 fn binary_tree(triangles: &[[Vec3; 3]], max_leaf_triangles: u32) -> Bvh2 {
-    /// Share of the nodes that a turn of reinsertion moves at most.
+    /// Share of the nodes that one iteration of reinsertion moves at most.
     const REINSERTED: f32 = 0.05;
-    /// Turns, by their share of that share: the largest nodes are tried again and again.
+    /// Iterations, as shares of that share: the largest nodes are tried every time.
     const TURNS: [f32; 4] = [1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0];
-    /// Levels from the leaves on that are joined with direct neighbours alone.
+    /// Levels from the leaves on that are joined only with direct neighbours.
     const NEAR_LEVELS: usize = 3;
-    /// Triangle tests that a node costs, when leaves are merged.
+    /// Cost of a node visit in triangle tests, when leaves are merged.
     const NODE_COST: f32 = 3.0;
 
-    /// How far a triangle's box reaches beyond it, as a share of its longest side. The triangle test moves corners
-    /// along the ray to the origin's plane and rounds where they come to lie, so it may find a hit on a triangle that
-    /// the ray passes within some last places of the triangle's length.
+    /// How far a triangle's box extends beyond it, as a share of its longest side. The triangle test projects corners
+    /// along the ray to the origin's plane and rounds them there, so it may find a hit on a triangle that the ray
+    /// misses by a few roundings of the triangle's length.
     const MARGIN: f32 = 16.0 * 5.960_464_5e-8;
 
     let box_of = |[a, b, c]: &[Vec3; 3]| {
@@ -301,12 +300,12 @@ fn set_box(node: &mut Node, side: Side, aabb: &Aabb) {
 /// A part of obvhs's tree that is still to be laid out.
 struct Subtree {
     source: u32,
-    /// The node that will refer to it, and from which side; none for the root.
+    /// The node that will refer to it, and from which side; `None` for the root.
     referrer: Option<(usize, Side)>,
     depth: u32,
 }
 
-/// Balances what lies under [`FREE_LEVELS`] levels, leaf after leaf in the order of the tree.
+/// Balances what is below [`FREE_LEVELS`] levels, with leaves in the order of the tree.
 fn limit_depth(tree: &mut Bvh2) {
     let mut open = vec![(0, 1)];
     while let Some((index, level)) = open.pop() {
@@ -325,7 +324,7 @@ fn limit_depth(tree: &mut Bvh2) {
 
 /// Rebuilds a subtree in its own nodes: halves of its leaves, down to single ones.
 fn balance(tree: &mut Bvh2, root: usize) {
-    // Siblings lie side by side: an inner node tells the place of two others.
+    // Siblings are adjacent: an inner node stores the index of two others.
     let (mut pairs, mut leaves) = (Vec::new(), Vec::new());
     let mut open = vec![root];
     while let Some(index) = open.pop() {
@@ -357,7 +356,7 @@ enum Side {
     Right,
 }
 
-/// A node whose children hold nothing and lie where no ray of a normalised scene goes.
+/// A node whose children are empty and lie where no ray of a normalised scene goes.
 const EMPTY: Node = Node {
     left_low: [1e30; 3],
     left: LEAF_BIT,

@@ -15,14 +15,14 @@ pub struct Ray {
     pub origin: Vec3,
     /// Direction; distances are in its lengths.
     pub direction: Vec3,
-    /// Place of the triangle that the origin lies on, which the ray cannot hit; or `NO_TRIANGLE`.
+    /// Position in leaf order of the triangle that the origin lies on, which the ray cannot hit; or `NO_TRIANGLE`.
     pub leaves: u32,
 }
 
 /// Nearest hit of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// Place of the triangle in leaf order.
+    /// Position of the triangle in leaf order.
     pub triangle: u32,
     /// Weights of the second and third vertex.
     pub barycentrics: [f32; 2],
@@ -30,7 +30,7 @@ pub struct Hit {
     pub distance: f32,
 }
 
-/// What a walk did.
+/// The work of a traversal.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Work {
     /// Inner nodes visited.
@@ -62,7 +62,7 @@ impl RaySpace {
         Self { origin: ray.origin, shear: Vec3::new(p.x * inverse, p.y * inverse, inverse), permute }
     }
 
-    /// A vertex in this space but for the scale of z.
+    /// A vertex in this space, except for the scale of z.
     fn of_vertex(&self, vertex: [f32; 3]) -> Vec3 {
         let p = (self.permute)(Vec3::from(vertex) - self.origin);
         Vec3::new(p.x - self.shear.x * p.z, p.y - self.shear.y * p.z, p.z)
@@ -111,9 +111,9 @@ fn enter_box(low: [f32; 3], high: [f32; 3], origin: Vec3, inverse: Vec3, reach: 
     (enter <= leave * SLAB_SLACK).then_some(enter)
 }
 
-/// Visits the triangles, by place in leaf order, of leaves that the ray enters nearer than `limit`:
-/// nearer children first and, of wide nodes, `groups` nodes' at once, as the kernels do. `visit` gives
-/// the limit from there on, or breaks the walk off.
+/// Visits the triangles, by position in leaf order, of leaves that the ray enters nearer than `limit`: nearer children
+/// first and, in a wide tree, the triangles of `groups` nodes at once, as the kernels do. `visit` returns the limit
+/// from there on, or ends the traversal.
 fn walk(bvh: &Bvh, ray: &Ray, limit: f32, groups: u32, visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
     match bvh.kind {
         BvhKind::List => walk_list(&bvh.order, visit),
@@ -122,7 +122,7 @@ fn walk(bvh: &Bvh, ray: &Ray, limit: f32, groups: u32, visit: impl FnMut(&[u32])
     }
 }
 
-/// Visits all triangles at once, blocked or not, as the kernels do.
+/// Visits all triangles, whether the ray is occluded or not, as the kernels do.
 fn walk_list(order: &[u32], mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
     let _ = visit(order);
     Work { nodes: 0, triangles: order.len() as u64 }
@@ -176,10 +176,10 @@ fn walk_wide(
 ) -> Work {
     let inverse = safe_inverse(ray.direction);
     let octant = (0..3).fold(0, |octant, axis| octant << 1 | u32::from(inverse[axis] >= 0.0));
-    // Places of children of a node, and which of them are left to visit, a bit for each, the nearest one highest.
+    // Base index of a node's children, and a mask of those still to visit, the nearest one highest.
     let mut stack: Vec<(u32, u32)> = Vec::new();
     let mut next = Some(0);
-    // Triangles that wait, and of how many nodes they are.
+    // Postponed triangles, and the number of nodes that they belong to.
     let (mut postponed, mut waiting) = (Vec::new(), 0);
     let mut work = Work::default();
     while let Some(node) = next {
@@ -212,7 +212,7 @@ fn walk_wide(
     work
 }
 
-/// Inner children that the ray meets, and triangles of leaves that it meets.
+/// Inner children whose boxes the ray hits, and triangles of the leaves whose boxes it hits.
 fn enter_children(bvh: &Bvh, node: u32, origin: Vec3, inverse: Vec3, octant: u32, reach: f32) -> (u32, Vec<u32>) {
     let words = bvh.wide_node(node).as_flattened();
     let bytes = |word: usize| words[word].to_le_bytes();
@@ -241,12 +241,12 @@ fn enter_children(bvh: &Bvh, node: u32, origin: Vec3, inverse: Vec3, octant: u32
     (hits >> WIDE_INNER_BIT, triangles)
 }
 
-/// The nearest hit; among equal distances the triangle that the scene lists first.
+/// The nearest hit; of equal distances, the triangle that the scene lists first.
 pub fn trace_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> Option<Hit> {
     count_closest(bvh, triangles, ray).0
 }
 
-/// [`trace_closest`], and the work that it was.
+/// [`trace_closest`], and its work.
 pub fn count_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> (Option<Hit>, Work) {
     let mut nearest = Hit { triangle: NO_TRIANGLE, barycentrics: [0.0; 2], distance: f32::MAX };
     let mut nearest_original = NO_TRIANGLE;
@@ -266,12 +266,12 @@ pub fn count_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> (Option<Hi
     ((nearest.triangle != NO_TRIANGLE).then_some(nearest), work)
 }
 
-/// Whether anything but the triangle `target` lies on the ray nearer than `limit`.
+/// Whether the ray is occluded: whether any triangle but `target` is nearer than `limit`.
 pub fn trace_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> bool {
     count_any(bvh, triangles, ray, target, limit).0
 }
 
-/// [`trace_any`], and the work that it was.
+/// [`trace_any`], and its work.
 pub fn count_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> (bool, Work) {
     let mut blocked = false;
     let work = walk(bvh, ray, limit, ANY_GROUPS, |leaf| {

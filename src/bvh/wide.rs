@@ -18,10 +18,10 @@ use crate::constants::{WIDE_INNER_BIT, WIDE_LEAF_TRIANGLES};
 /// Most children of a node.
 const WIDEST: usize = 8;
 
-/// Subtrees that are collapsed side by side, at least, where a tree has so many.
+/// Least number of subtrees that are collapsed in parallel, if a tree has that many.
 const PARTS: usize = 128;
 
-/// Nodes, triangles and costs of a part of the tree. Places in it are its own.
+/// Nodes, triangles and costs of a part of the tree. Indices count within the part.
 #[derive(Default)]
 struct Part {
     /// Texels of the nodes, the part's root first.
@@ -35,35 +35,35 @@ struct Part {
 }
 
 impl Part {
-    /// With a place for its root.
+    /// With a slot for its root.
     fn new(node_texels: usize) -> Self {
         Self { texels: vec![[0; 4]; node_texels], free: FreePlaces { start: 0, taken: 1 }, ..Self::default() }
     }
 }
 
-/// Places for nodes, of which those under `start` are taken or given up.
+/// Node slots; those below `start` are taken or given up.
 ///
-/// The children of a node stand as far apart as their octants do, so that the place of one follows from its octant and
-/// nothing else, and no kernel has to ask the node. Others' children fill the gaps. (Tarjan and Yao 1979, Storing a
-/// Sparse Table: rows that are displaced until their entries fall into gaps)
+/// A child's index is the base index of its siblings plus its octant, so that no kernel has to read the parent for it.
+/// Children of other nodes fill the gaps. (Tarjan and Yao 1979, Storing a Sparse Table: rows that are displaced until
+/// their entries fall into gaps)
 #[derive(Default)]
 struct FreePlaces {
     start: usize,
-    /// A bit for each place from `start` on, set where it is taken.
+    /// A bit for each slot from `start` on, set if it is taken.
     taken: u128,
 }
 
 impl FreePlaces {
-    /// Takes places for children in the octants that have a bit, and gives the place of octant 0.
+    /// Takes slots for children in the octants whose bit is set, and returns the slot of octant 0.
     fn take(&mut self, octants: u8) -> usize {
         let wanted = (0..8).filter(|octant| octants & 1 << octant != 0);
-        // Bits where octant 0 may lie: there each child finds its place free.
+        // A bit for each slot where octant 0 may be: there the slots of all children are free.
         let fits = wanted.fold(!0, |fits: u128, octant| fits & !self.taken >> octant);
         let first = fits.trailing_zeros();
         self.taken |= u128::from(octants) << first;
         let place = self.start + first as usize;
-        // The gap of a lone child in octant 7 lies 7 places on. Further back all is taken; or gaps are given up for
-        // there to be room ahead, and so that children lie near each other.
+        // A single child in octant 7 leaves a gap of 7 slots. Earlier slots are all taken, or are given up so that
+        // there is room ahead and children stay near each other.
         let used = u128::BITS - self.taken.leading_zeros();
         let passed = self.taken.trailing_ones().saturating_sub(7).max(used.saturating_sub(u128::BITS - 16));
         self.start += passed as usize;
@@ -76,25 +76,25 @@ impl FreePlaces {
 #[derive(Clone, Copy)]
 struct Open {
     source: u32,
-    /// Place in the part.
+    /// Index in the part.
     index: usize,
     level: u32,
 }
 
-/// What the collapse knows of the whole tree.
+/// What the collapse knows about the whole tree.
 struct Collapse<'a> {
     tree: &'a Bvh2,
-    /// Of each node of the tree.
+    /// For each node of the tree.
     choices: Vec<AtomicU32>,
     width: usize,
     node_texels: usize,
     root_area: f64,
 }
 
-/// Collapses `tree`, whose leaves hold one triangle each, to nodes as wide as the kind of `bvh` has them.
+/// Collapses `tree`, whose leaves hold one triangle each, to nodes of the width of `bvh`'s kind.
 ///
-/// The top of the tree comes first, level by level, until it has enough subtrees; each of them
-/// follows as a whole, so what lies near in space lies near in memory, whatever the threads do.
+/// The top of the tree comes first, level by level, until it has enough subtrees; each of them follows as a whole, so
+/// that neighbours in space are neighbours in memory, however many threads there are.
 pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
     let root_area = f64::from(tree.nodes[0].aabb.half_area()).max(f64::MIN_POSITIVE);
     let node_texels = bvh.kind.node_texels();
@@ -107,8 +107,7 @@ pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
     }
     let mut parts: Vec<Part> = level.par_iter().map(|open| collapse.subtree(open.source, open.level)).collect();
 
-    // A part's root has its place in the top, beside its siblings; the rest of the part comes after
-    // the parts before.
+    // A part's root has its slot in the top, with its siblings; the rest of the part comes after the earlier parts.
     let (mut node_count, mut triangle_count) = (top.texels.len() / node_texels, top.order.len());
     let mut moves = Vec::with_capacity(parts.len());
     for part in &parts {
@@ -144,15 +143,15 @@ impl Collapse<'_> {
         Choice(self.choices[node as usize].load(Relaxed))
     }
 
-    /// Whether a node of the tree becomes a leaf where it is a child.
+    /// Whether a node of the tree becomes a leaf when it is a child.
     fn is_leaf(&self, node: u32) -> bool {
         self.choice(node).share(1) == 0
     }
 
-    /// The children of the wide node that a node of the tree becomes, and how many they are.
+    /// The children of the wide node that a node of the tree becomes, and their number.
     fn children(&self, source: u32) -> ([u32; WIDEST], usize) {
         let (mut children, mut count) = ([source; WIDEST], 0);
-        // Nodes, and as how many children each of them goes on.
+        // Nodes, and how many children each of them is cut into.
         let mut open = [(source, self.width); WIDEST];
         let mut opened = 1;
         while opened > 0 {
@@ -175,7 +174,7 @@ impl Collapse<'_> {
         (children, count)
     }
 
-    /// All nodes from one of the binary tree on, depth first.
+    /// All nodes below one of the binary tree, depth first.
     fn subtree(&self, source: u32, level: u32) -> Part {
         let mut part = Part::new(self.node_texels);
         let mut open = vec![Open { source, index: 0, level }];
@@ -185,7 +184,7 @@ impl Collapse<'_> {
         part
     }
 
-    /// Writes a node to its place, and takes places for its inner children.
+    /// Writes a node to its slot, and takes slots for its inner children.
     fn node(&self, part: &mut Part, Open { source, index, level }: Open) -> [Option<Open>; WIDEST] {
         let tree = self.tree;
         let area_share = |aabb: &Aabb| f64::from(aabb.half_area()) / self.root_area;
@@ -229,9 +228,9 @@ impl Collapse<'_> {
     }
 }
 
-/// Optimal cuts of a subtree into 1 to 8 wide children, four bits a number: how many of them lie under the left child, or
-/// 0 where fewer cost no more. For one child it is 0 for a leaf and 1 for a node. For as many as a node can have it is
-/// never 0.
+/// Optimal cuts of a subtree into 1 to 8 wide children, four bits a count: how many of them are in the left subtree, or
+/// 0 if fewer children cost no more. For one child it is 0 for a leaf and 1 for a node. For the full width of a node it
+/// is never 0.
 #[derive(Clone, Copy, Default)]
 struct Choice(u32);
 
@@ -246,17 +245,17 @@ impl Choice {
     }
 }
 
-/// What the best cuts of a subtree cost.
+/// Cost of the best cuts of a subtree.
 #[derive(Clone, Copy)]
 struct Weights {
-    /// Cost of the subtree as at most so many children; the first is not used. The area of a node's box
-    /// for each node, and a share of that of a leaf's for each triangle in it.
+    /// Cost of the subtree cut into at most N children; entry 0 is not used. A node costs the area of its box, a
+    /// triangle of a leaf a share of the area of the leaf's box.
     costs: [f32; WIDEST + 1],
-    /// Triangles in it, or more than a leaf can hold.
+    /// Triangles in the subtree, or more than a leaf can hold.
     triangles: u32,
 }
 
-/// What a triangle test costs, in node visits: as measured on lavapipe, for rays of bounces.
+/// Cost of a triangle test in node visits, as measured on lavapipe for bounce rays.
 const TRIANGLE_COST: f32 = 0.4;
 
 impl Weights {
@@ -264,13 +263,13 @@ impl Weights {
         Self { costs: [TRIANGLE_COST * aabb.half_area(); WIDEST + 1], triangles: 1 }
     }
 
-    /// Weights of a node with these children, and how they come about.
+    /// Costs of a node with these children, and the cuts that give them.
     fn of_node(aabb: &Aabb, left: &Self, right: &Self, width: usize) -> (Self, Choice) {
         let area = aabb.half_area();
         let triangles = left.triangles + right.triangles;
         let (mut costs, mut choice) = ([f32::INFINITY; WIDEST + 1], Choice::default());
         for (count, least) in costs.iter_mut().enumerate().take(width + 1).skip(2) {
-            // From the middle on: equal costs make an even tree.
+            // Starting at the middle, so that equal costs make a balanced tree.
             let mut best = count / 2;
             let cost = |share: usize| left.costs[share] + right.costs[count - share];
             for share in 1..count {
@@ -296,8 +295,7 @@ impl Weights {
     }
 }
 
-/// The cuts of every inner node of the tree that make the cheapest wide tree of it. (Ylitie, Karras and
-/// Laine 2017, section 3.1)
+/// The cuts of every inner node that make the cheapest wide tree. (Ylitie, Karras and Laine 2017, section 3.1)
 fn choices(tree: &Bvh2, width: usize) -> Vec<AtomicU32> {
     let choices: Vec<_> = (0..tree.nodes.len()).map(|_| AtomicU32::new(0)).collect();
     let inner = |node: u32| !tree.nodes[node as usize].is_leaf();
@@ -353,12 +351,12 @@ fn choices(tree: &Bvh2, width: usize) -> Vec<AtomicU32> {
     choices
 }
 
-/// Gives each inner child an octant of the node that it lies in, as far as others leave it free, the
-/// best match first. A ray takes children in the order of their octants exclusive-or its own.
+/// Gives each inner child the octant of the node that it lies in, unless another child has it, the best match first. A
+/// ray visits children in the order of their octants exclusive-or its own.
 fn place_children(tree: &Bvh2, source: u32, children: &[u32]) -> [Option<u32>; WIDEST] {
     let centre = |node: u32| Vec3::from(tree.nodes[node as usize].aabb.center());
     let middle = centre(source);
-    // How far a child lies into each octant.
+    // How far a child extends into each octant.
     let mut matches = [[0.0_f32; 8]; WIDEST];
     for (row, &child) in matches.iter_mut().zip(children) {
         let Vec3 { x, y, z } = centre(child) - middle;
@@ -404,16 +402,16 @@ fn push_triangles(tree: &Bvh2, source: u32, order: &mut Vec<u32>) {
     }
 }
 
-/// More than f64 rounds a place on a grid of 255 steps by, in steps: even a plane of 10⁻³⁰ in a node
-/// that reaches to 1 must not be lost.
+/// More than the rounding error of f64 for a position on a grid of 255 steps, in steps: even a plane at 10⁻³⁰ in a node
+/// that extends to 1 must not be lost.
 const ROUNDING: f64 = 1e-9;
 
-/// A node on its way to memory, children in the order in which they were pushed.
+/// A node before it is packed, children in the order in which they were pushed.
 struct NodeWriter {
     origin: Vec3,
     /// Exponents of the grid's steps, with the bias of an f32.
     exponents: [u32; 3],
-    /// Place of the child in octant 0, if it had one.
+    /// Slot of the child in octant 0, whether there is one or not.
     children: u32,
     first_triangle: u32,
     pushed: usize,
@@ -480,7 +478,7 @@ impl NodeWriter {
     }
 }
 
-/// Least exponent whose 255 steps reach from `low` to `high`.
+/// Least exponent with which 255 steps reach from `low` to `high`.
 fn exponent(low: f32, high: f32) -> u32 {
     let extent = f64::from(high) - f64::from(low);
     // Far from the exponents of subnormal numbers, which devices may flush.

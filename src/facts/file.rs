@@ -1,6 +1,6 @@
-//! Facts as a file in the folder of caches, one for a device, a version of its driver and a version of raywave.
+//! Facts as a file in the cache folder, one for each device, version of its driver and version of raywave.
 //!
-//! As every cache it is never worth an error: what cannot be read or trusted is measured anew.
+//! As with every cache, a problem is never an error: facts that cannot be read or trusted are measured again.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use super::Facts;
 use crate::gpu::DeviceDescription;
 use crate::whole_file;
 
-/// Facts as their file has them.
+/// The contents of the file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Record {
@@ -26,7 +26,7 @@ pub fn path(folder: &Path, device: &DeviceDescription) -> PathBuf {
     folder.join(format!("{}-{}.facts.toml", device.cache_name(), env!("CARGO_PKG_VERSION")))
 }
 
-/// The facts in a file, if it is whole and of this device, driver and version.
+/// The facts in a file, if it is complete and of this device, driver and version.
 pub fn read(file: &Path, device: &DeviceDescription) -> Option<Facts> {
     parse(&fs::read_to_string(file).ok()?, &device.name, &device.driver)
 }
@@ -40,7 +40,7 @@ fn parse(text: &str, device: &str, driver: &str) -> Option<Facts> {
     (is_own && [texel_ns, storage_ns, launch_seconds].into_iter().all(is_time)).then_some(record.facts)
 }
 
-/// Writes a file. Its folder is made where it is missing; where it cannot be, nothing is kept.
+/// Writes a file, and creates its folder if it is missing. If that fails, nothing is kept.
 pub fn write(file: &Path, device: &DeviceDescription, facts: &Facts) {
     let Some(text) = text(facts, &device.name, &device.driver) else { return };
     let folder = file.parent().unwrap_or(Path::new("."));

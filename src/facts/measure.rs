@@ -1,4 +1,4 @@
-//! The measurement: three kernels, and what the host makes of their answers and times.
+//! The measurement: three kernels, and how the host interprets their answers and times.
 
 use std::time::Instant;
 
@@ -13,15 +13,15 @@ use crate::shaders::{Access, Binding, BindingKind, Edition, Kernel, Variant};
 
 include!(concat!(env!("OUT_DIR"), "/facts.rs"));
 
-/// Nodes, a power of two, so that links joined by exclusive or are links: 256 KiB, more than the cache next to a core
-/// holds, and no more texels than any device has.
+/// Nodes, a power of two, so that the exclusive-or of links is a link: 256 KiB, more than the first cache of a core
+/// holds, and no more texels than any device allows.
 const NODES: u32 = 1 << 12;
-/// Invocations that walk, and nodes that each goes to: on two cores a launch of half a millisecond.
+/// Invocations that follow links, and links that each follows: on two cores a launch of half a millisecond.
 const WALKERS: u32 = 1 << 14;
 const STEPS: u32 = 8;
 /// Launches that are timed together.
 const LAUNCHES: u32 = 16;
-/// Times that each time is taken: the least of them is what nothing else has disturbed.
+/// How often each time is measured: the least of them is the least disturbed.
 const ROUNDS: usize = 10;
 /// Pairs of operands.
 const PAIRS: u32 = 1 << 18;
@@ -92,7 +92,7 @@ pub fn measure(device: &Device) -> Result<Facts, GpuError> {
     };
     let timed = [walk(STEPS, 0), walk(0, STEPS), turns(0, 0, LAUNCHES)];
     let mut seconds = [f64::INFINITY; 3];
-    // Each in turn, so that what disturbs one disturbs the others.
+    // In turn, so that a disturbance affects all of them.
     for _ in 0..ROUNDS {
         for (least, recording) in seconds.iter_mut().zip(&timed) {
             *least = least.min(time(&mut executor, recording)?);
@@ -121,7 +121,7 @@ pub fn measure(device: &Device) -> Result<Facts, GpuError> {
     })
 }
 
-/// Seconds of a recording, by the device's clock where it has one.
+/// Seconds of a recording, by the device's clock if it has one.
 fn time(executor: &mut Executor, recording: &Recording) -> Result<f64, GpuError> {
     executor.forget_times();
     let start = Instant::now();
@@ -131,10 +131,10 @@ fn time(executor: &mut Executor, recording: &Recording) -> Result<f64, GpuError>
     Ok(Some(executor.device_seconds()).filter(|seconds| *seconds > 0.0).unwrap_or(by_host))
 }
 
-/// Where `loops.comp` begins.
+/// Initial state of `loops.comp`.
 const FIRST_STATE: u32 = 1;
 
-/// Turns of `loops.comp` that lead to a state, [`MOST_TURNS`] at most.
+/// Iterations of `loops.comp` that lead to a state, [`MOST_TURNS`] at most.
 fn turns_to(last: u32) -> u32 {
     let states = std::iter::successors(Some(FIRST_STATE), |state| Some(Random(*state).next()));
     states.zip(0..MOST_TURNS).find(|(state, _)| *state == last).map_or(MOST_TURNS, |(_, turns)| turns)
@@ -149,14 +149,14 @@ impl Random {
         self.0
     }
 
-    /// A number of any sign whose magnitude lies in [2⁻²⁰, 2²⁰): no result of two such is denormal, nor infinite.
+    /// A number of either sign whose magnitude is in [2⁻²⁰, 2²⁰): no result of two of them is denormal or infinite.
     fn number(&mut self) -> f32 {
         let (mantissa, exponent) = (self.next() >> 9, 107 + (self.next() >> 16) % 40);
         f32::from_bits(self.next() & 1 << 31 | exponent << 23 | mantissa)
     }
 }
 
-/// Pairs of operands of which a sum or product is denormal, or an operand is, and neither in the other case.
+/// Pairs of operands: with a denormal sum or product, and with a denormal operand, never both.
 const TINY: f32 = f32::MIN_POSITIVE;
 const DENORMAL_RESULTS: [[f32; 2]; 3] = [[TINY, 0.5], [1.5 * TINY, -TINY], [-1.25 * TINY, TINY]];
 const DENORMAL_OPERANDS: [[f32; 2]; 3] = [[0.5 * TINY, 0.5 * TINY], [0.25 * TINY, 16.0], [-0.75 * TINY, 1e20]];
@@ -167,7 +167,7 @@ fn operands(random: &mut Random) -> Vec<[f32; 2]> {
     operands
 }
 
-/// What the results say of a device.
+/// What the results say about a device.
 #[derive(Debug, PartialEq)]
 struct Arithmetic {
     division_exact: bool,
@@ -179,7 +179,7 @@ struct Arithmetic {
 }
 
 impl Arithmetic {
-    /// Holds the results of the device against those of the processor, which rounds correctly.
+    /// Compares the results of the device with those of the processor, which rounds correctly.
     fn of(operands: &[[f32; 2]], results: &[Results]) -> Self {
         let is_same = |a: f32, b: f32| a.to_bits() == b.to_bits();
         let all = |test: &dyn Fn([f32; 2], &Results) -> bool| {
@@ -187,7 +187,7 @@ impl Arithmetic {
             operands.iter().zip(results).skip(plain).all(|(pair, result)| test(*pair, result))
         };
         let (of_results, of_operands) = results.split_at(DENORMAL_RESULTS.len());
-        // A sum or product is what it should be, or zero took the place of a denormal.
+        // A sum or product is right, or a denormal was replaced by zero.
         let flushes = |pairs: &[[f32; 2]], results: &[Results]| {
             pairs.iter().zip(results).any(|([a, b], result)| result.product != a * b || result.sum != a + b)
         };
@@ -195,7 +195,7 @@ impl Arithmetic {
             division_exact: all(&|[a, b], result| is_same(result.quotient, a / b)),
             reciprocal_exact: all(&|[_, b], result| is_same(result.reciprocal, 1.0 / b)),
             root_exact: all(&|[a, _], result| is_same(result.root, a.abs().sqrt())),
-            // In f64 the product is exact, and what rounding took from it is a number of f32.
+            // In f64 the product is exact, and its rounding error is representable in f32.
             fma_fused: all(&|[a, b], result| {
                 let taken = f64::from(a) * f64::from(b) - f64::from(a * b);
                 result.residual == taken as f32
@@ -210,7 +210,7 @@ impl Arithmetic {
 mod tests {
     use super::*;
 
-    /// What a device of such arithmetic would answer.
+    /// What a device with such arithmetic would answer.
     fn answers(operands: &[[f32; 2]], alter: impl Fn(usize, [f32; 2], &mut Results)) -> Vec<Results> {
         let answer = |(i, &[a, b]): (usize, &[f32; 2])| {
             let residual = (f64::from(a) * f64::from(b) - f64::from(a * b)) as f32;

@@ -1,9 +1,9 @@
-//! What a device and its driver are like, as measured on them at first use: speeds that defaults hang on, and the
-//! arithmetic that Vulkan leaves to the driver.
+//! Properties of a device and its driver, measured at first use: speeds that defaults depend on, and the arithmetic
+//! that Vulkan leaves to the driver.
 //!
-//! [`of`] measures once and keeps the facts, for the process and in the device's folder of caches. It knows nothing of
-//! renders, nor of drivers' names and versions: a version says what was true of it somewhere, a measurement what is
-//! true here.
+//! [`of`] measures once and keeps the facts, for the process and in the device's cache folder. It knows nothing of
+//! renders, nor of drivers' names and versions: a version says what was true elsewhere, a measurement what is true
+//! here.
 
 mod file;
 mod measure;
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::gpu::{Device, GpuError};
 
-/// What was measured of a device.
+/// Measurements of a device.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Facts {
@@ -25,12 +25,11 @@ pub struct Facts {
     pub storage_ns: f64,
     /// Seconds of a launch of next to no work, with the barrier before it.
     pub launch_seconds: f64,
-    /// Turns of its loops, all together, after which an invocation leaves them unasked; none where it took
-    /// [`MOST_TURNS`].
+    /// Loop iterations, over all its loops, after which an invocation leaves them; `None` if it ran [`MOST_TURNS`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loop_turns: Option<u32>,
-    /// Whether quotients are rounded correctly. This and what follows holds of some hundred thousand operands, not of
-    /// all that there are.
+    /// Whether quotients are rounded correctly. This and the following hold for some hundred thousand operands, not for
+    /// all.
     pub division_exact: bool,
     /// Whether reciprocals are.
     pub reciprocal_exact: bool,
@@ -38,17 +37,17 @@ pub struct Facts {
     pub root_exact: bool,
     /// Whether `fma` rounds once.
     pub fma_fused: bool,
-    /// Whether sums or products take an operand that is denormal for zero.
+    /// Whether sums or products flush denormal operands to zero.
     pub flushes_operands: bool,
-    /// Whether sums or products that are denormal become zero.
+    /// Whether denormal sums or products are flushed to zero.
     pub flushes_results: bool,
 }
 
-/// Turns of a loop that are tried. A driver that gives as many is taken to have no limit.
+/// Loop iterations that are tried. A driver that runs as many counts as having no limit.
 pub const MOST_TURNS: u32 = 1 << 18;
 
 impl Facts {
-    /// Whether denormals become zero, as operands or as results.
+    /// Whether denormals are flushed, as operands or as results.
     pub fn flushes_denormals(&self) -> bool {
         self.flushes_operands || self.flushes_results
     }
@@ -59,8 +58,8 @@ impl Facts {
     }
 }
 
-/// The facts of a device: those that this process knows, else those of the device's folder of caches, else
-/// measured now and kept. That takes some tens of milliseconds.
+/// The facts of a device: those that this process knows, else those of the device's cache folder, else measured now and
+/// kept. Measuring takes some tens of milliseconds.
 ///
 /// # Errors
 /// When the device fails.
@@ -68,7 +67,7 @@ pub fn of(device: &Device) -> Result<Arc<Facts>, GpuError> {
     static KNOWN: Mutex<Option<HashMap<String, Arc<Facts>>>> = Mutex::new(None);
     let description = device.description();
     let key = format!("{} {} {}", description.cache_name(), description.name, description.driver);
-    // Held meanwhile, so that no thread measures while another does.
+    // Locked meanwhile, so that no two threads measure at once.
     let mut known = KNOWN.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
     let known = known.get_or_insert_default();
     if let Some(facts) = known.get(&key) {

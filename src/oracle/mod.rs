@@ -1,8 +1,7 @@
 //! What images should be, computed on the CPU in `f64`: a path tracer and the optics of a surface.
 //!
-//! Tests and the study of stability hold the kernels against this room. It is written from the textbook and
-//! must not know how the kernels work: of `render` it reads the settings alone, and `bvh`, `layout` and `gpu`
-//! are closed to it.
+//! Tests and the study of stability compare the kernels with this room. It is written from the textbook and must not
+//! know how the kernels work: it reads scenes and `settings`, and may not use `bvh`, `layout` or `gpu`.
 
 pub mod optics;
 mod path;

@@ -10,31 +10,31 @@ pub fn mirrored(n: DVec3, wo: DVec3) -> DVec3 {
     2.0 * n.dot(wo) * n - wo
 }
 
-/// Density of the Phong lobe, over all directions.
+/// Pdf of the Phong lobe, over all directions.
 pub fn phong_lobe(m: &Material, n: DVec3, wo: DVec3, wi: DVec3) -> f64 {
     let cosine = mirrored(n, wo).dot(wi);
     let ns = f64::from(m.exponent);
     if cosine > 0.0 { (ns + 1.0) / TAU * cosine.powf(ns) } else { 0.0 }
 }
 
-/// Density of the Lambert lobe, over all directions.
+/// Pdf of the Lambert lobe, over all directions.
 pub fn lambert_lobe(n: DVec3, wi: DVec3) -> f64 {
     n.dot(wi).max(0.0) * FRAC_1_PI
 }
 
-/// Share of the samples of a glossy material that follow its Phong lobe.
+/// Probability with which a sample of a Phong BRDF (Lambert plus lobe) comes from its lobe.
 pub fn phong_share(m: &Material) -> f64 {
     let (kd, ks) = (m.diffuse.as_dvec3().element_sum(), m.specular.as_dvec3().element_sum());
     if ks > 0.0 { ks / (kd + ks) } else { 0.0 }
 }
 
-/// Density of the directions that a glossy material scatters to, those below the horizon too.
+/// Pdf of the directions that a Phong BRDF samples, including those below the horizon.
 pub fn scatter_density(m: &Material, n: DVec3, wo: DVec3, wi: DVec3) -> f64 {
     let share = phong_share(m);
     share * phong_lobe(m, n, wo, wi) + (1.0 - share) * lambert_lobe(n, wi)
 }
 
-/// f cos of a glossy material, above the horizon of `n`.
+/// f cos of a Phong BRDF, above the horizon of `n`.
 pub fn glossy(m: &Material, n: DVec3, wo: DVec3, wi: DVec3) -> DVec3 {
     let f = m.diffuse.as_dvec3() * FRAC_1_PI + m.specular.as_dvec3() * phong_lobe(m, n, wo, wi);
     f * n.dot(wi).max(0.0)
@@ -43,7 +43,7 @@ pub fn glossy(m: &Material, n: DVec3, wo: DVec3, wi: DVec3) -> DVec3 {
 /// Cosine beyond an interface by Snell's law; `None` under total internal reflection. `eta` is
 /// the index beyond over the index before.
 pub fn refracted_cosine(cosine: f64, eta: f64) -> Option<f64> {
-    // As a sum of small numbers where the indices are close or the angle grazes.
+    // As a sum of small numbers, for indices that are close and for grazing angles.
     let square = ((eta - 1.0) * (eta + 1.0) + cosine * cosine) / (eta * eta);
     (square > 0.0).then(|| square.sqrt())
 }

@@ -1,9 +1,9 @@
 //! A path tracer on the CPU, in f64: the oracle of ray counts and of single paths.
 //!
-//! It is written from the textbook and shares no code with the shaders or with `src/bvh`: every ray
-//! is tested against every triangle, in world space. It draws the numbers that the kernels draw and
-//! decides by them in the same order, so each of its paths is one of theirs but for rounding. It
-//! knows flat triangles of every material under a black sky; no textures, no vertex normals.
+//! It is written from the textbook and shares no code with the shaders or with `src/bvh`: every ray is tested against
+//! every triangle, in world space. It draws the same random numbers as the kernels and uses them for the same decisions
+//! in the same order, so each of its paths is one of theirs except for rounding. It knows flat triangles of every
+//! material without an environment; no textures, no vertex normals.
 
 use std::f64::consts::TAU;
 
@@ -14,13 +14,13 @@ use super::sobol::sobol4;
 use crate::scene::{Environment, Material, NONE, Scene, Surface};
 use crate::settings::{Integrator, RouletteMode, Sampler, Settings};
 
-/// A scene as paths are followed through it.
+/// A scene as the path tracer sees it.
 pub struct Reference<'a> {
     scene: &'a Scene,
     settings: Settings,
     facets: Vec<Facet>,
     lamps: Vec<Lamp>,
-    /// Probability that a light sample lies in a unit of area of a lamp, by facet.
+    /// Pdf of a light sample over the area of an emissive triangle, by facet.
     lamp_densities: Vec<f64>,
     /// Surfaces nearer than this to a ray's origin are the one that it leaves, or lie in its plane.
     nearest: f64,
@@ -29,9 +29,9 @@ pub struct Reference<'a> {
 /// One sample of a pixel.
 #[derive(Debug, Default)]
 pub struct Path {
-    /// What arrives at the pixel.
+    /// Radiance that arrives at the pixel.
     pub radiance: DVec3,
-    /// One entry a ray, from the camera on: whether a shadow ray was cast from where it ended.
+    /// One entry a ray, from the camera on: whether a shadow ray was cast from its hit.
     pub casts_shadow_ray: Vec<bool>,
 }
 
@@ -43,7 +43,7 @@ struct Facet {
     material: usize,
 }
 
-/// A cell of the alias table over the lamps.
+/// A cell of the alias table over the emissive triangles.
 struct Lamp {
     facet: usize,
     /// Probability that the cell stands for itself, not for its alias.
@@ -71,22 +71,22 @@ struct Vertex<'a> {
     is_front: bool,
 }
 
-/// A point of a lamp, as a vertex sees it.
+/// A sampled point on a light, as a vertex sees it.
 struct LampSample {
     facet: usize,
     direction: DVec3,
     distance: f64,
-    /// Divided by its density.
+    /// Divided by its pdf.
     radiance: DVec3,
     /// Over solid angle.
     density: f64,
 }
 
 impl<'a> Reference<'a> {
-    /// A scene under a black sky, without textures and vertex normals.
+    /// A scene without environment, textures and vertex normals.
     ///
     /// # Panics
-    /// When the scene has what it does not know.
+    /// When the scene has something that it does not support.
     pub fn new(scene: &'a Scene, settings: &Settings) -> Self {
         assert!(matches!(scene.environment, Environment::Black), "the reference knows black skies alone");
         assert!(scene.materials.iter().all(|m| m.diffuse_map.is_none()), "the reference knows no textures");
@@ -111,7 +111,7 @@ impl<'a> Reference<'a> {
             ke.dot(DVec3::new(0.2126, 0.7152, 0.0722)) + 1e-3 * ke.element_sum()
         };
         let brightnesses: Vec<f64> = emitters.iter().map(brightness).collect();
-        // Nine of ten picks by power, the others by area.
+        // Nine of ten samples choose by power, the others by area.
         let area: f64 = areas.iter().sum();
         let power: f64 = areas.iter().zip(&brightnesses).map(|(a, b)| a * b).sum();
         let densities: Vec<f64> = brightnesses.iter().map(|b| 0.9 * b / power + 0.1 / area).collect();
@@ -147,7 +147,7 @@ impl<'a> Reference<'a> {
         let mut ray = self.camera_ray(pixel, random(0));
         let mut throughput = DVec3::ONE;
         let mut sees_emission = true;
-        // Of the ray's direction, where another was possible.
+        // Pdf of the ray's direction, if another was possible.
         let mut density = None;
         for bounce in 0_u32.. {
             path.casts_shadow_ray.push(false);
@@ -178,7 +178,7 @@ impl<'a> Reference<'a> {
                     let above = if value == DVec3::ZERO { 0.0 } else { scattered };
                     let weight = if mis { power_heuristic(sample.density, above) } else { 1.0 };
                     let radiance = self.clamped(throughput * value * sample.radiance * weight, bounce + 1);
-                    // What carries no light is not sent.
+                    // A shadow ray that carries no light is not traced.
                     if radiance != DVec3::ZERO {
                         path.casts_shadow_ray[bounce as usize] = true;
                         if !self.is_blocked(&vertex, &sample) {
@@ -186,7 +186,7 @@ impl<'a> Reference<'a> {
                         }
                     }
                 }
-                // Without weights another bounce could find no more than the light that was sampled.
+                // Without MIS weights another bounce could find only light that was sampled already.
                 if explicit && max_bounces == Some(bounce + 1) {
                     break;
                 }
@@ -232,14 +232,14 @@ impl<'a> Reference<'a> {
         let across = 2.0 * (f64::from(pixel % width) + x) / f64::from(width) - 1.0;
         let upwards = 1.0 - 2.0 * (f64::from(pixel / width) + y) / f64::from(height);
         let direction = forward + across * half_width * right + upwards * half_height * up;
-        // All rays of a point in focus meet there, wherever they pass the lens.
+        // All rays to a point in focus meet there, wherever they cross the lens.
         let lens = camera.aperture * lens_u.sqrt() * DVec2::from_angle(TAU * lens_v);
         let shift = lens.x * right + lens.y * up;
         let direction = (camera.focus * direction - shift).normalize();
         Ray { origin: camera.eye + shift, direction, leaves: None }
     }
 
-    /// The nearest surface; among equals the one that the scene lists first.
+    /// The nearest surface; of equal distances, the one that the scene lists first.
     fn trace(&self, ray: &Ray) -> Option<Vertex<'_>> {
         let hits = self.facets.iter().enumerate().filter(|(i, _)| ray.leaves != Some(*i)).filter_map(|(i, facet)| {
             let distance = facet.distance(ray)?;
@@ -269,8 +269,8 @@ impl<'a> Reference<'a> {
         })
     }
 
-    /// A point uniform over a lamp picked by power, mostly, unless it turns its back. The pick leaves a number of its
-    /// own for the point, but for the last of its 24 bits.
+    /// A point uniform over an emissive triangle that is chosen mostly by power, unless it faces away. The number that
+    /// chose the triangle is remapped and gives the point, except for the last of its 24 bits.
     fn sample_lamps(&self, from: &Vertex<'_>, [pick, v, digits, _]: [f64; 4]) -> Option<LampSample> {
         let place = pick * self.lamps.len() as f64;
         let cell = self.lamps.get(place as usize)?;
@@ -284,12 +284,12 @@ impl<'a> Reference<'a> {
         let direction = (point - from.position) / distance;
         let cosine = -normal.dot(direction);
         let ke = self.scene.materials[material].emission.as_dvec3();
-        // Area becomes solid angle.
+        // From the area measure to solid angle.
         let density = self.lamp_densities[index] * distance * distance / cosine;
         (cosine > 0.0).then_some(LampSample { facet: index, direction, distance, radiance: ke / density, density })
     }
 
-    /// Light of so many bounces, dimmed to the clamp where it is indirect.
+    /// Light after that many bounces, clamped if it is indirect.
     fn clamped(&self, light: DVec3, bounces: u32) -> DVec3 {
         match self.settings.clamp {
             Some(clamp) if bounces > 1 => light * (clamp / light.max_element()).min(1.0),
@@ -299,7 +299,7 @@ impl<'a> Reference<'a> {
 }
 
 impl Facet {
-    /// Distance to where the ray passes through. (Möller and Trumbore 1997)
+    /// Distance to the intersection. (Möller and Trumbore 1997)
     fn distance(&self, ray: &Ray) -> Option<f64> {
         let [e1, e2] = self.edges;
         let p = ray.direction.cross(e2);
@@ -307,17 +307,17 @@ impl Facet {
         let to_origin = ray.origin - self.corner;
         let q = to_origin.cross(e1);
         let (u, v) = (to_origin.dot(p) * inverse, ray.direction.dot(q) * inverse);
-        // A ray along the plane has no inverse, and NaN is nowhere inside.
+        // A ray in the plane has no inverse, and NaN is never inside.
         (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then(|| e2.dot(q) * inverse)
     }
 }
 
-/// Weight of a sample of density `own` beside another kind's. (Veach 1997, section 9.2)
+/// Power heuristic: MIS weight of a sample with pdf `own` against the other strategy's. (Veach 1997, section 9.2)
 fn power_heuristic(own: f64, other: f64) -> f64 {
     own * own / (own * own + other * other)
 }
 
-/// Whether a number in [0, 1) falls below a share of it, and what that leaves of the number, uniform again.
+/// Whether a number in [0, 1) falls below a probability, and the number remapped to [0, 1), uniform again.
 fn falls_below(u: f64, share: f64) -> (bool, f64) {
     if u < share { (true, u / share) } else { (false, (u - share) / (1.0 - share)) }
 }
@@ -328,7 +328,7 @@ fn scatter(vertex: &Vertex<'_>, choice: f64, u: DVec2) -> (DVec3, DVec3) {
     let mirrored = optics::mirrored(normal, wo);
     match material.surface {
         Surface::Glossy => {
-            // What the choice leaves of the number is for the direction.
+            // The remapped number gives the direction.
             let (by_lobe, x) = falls_below(u.x, optics::phong_share(material));
             let (axis, exponent) = if by_lobe { (mirrored, f64::from(material.exponent)) } else { (normal, 1.0) };
             let wi = cosine_power(axis, exponent, DVec2::new(x, u.y));
@@ -351,8 +351,7 @@ fn scatter(vertex: &Vertex<'_>, choice: f64, u: DVec2) -> (DVec3, DVec3) {
     }
 }
 
-/// A direction of density (exponent + 1) / (2 pi) cos^exponent about the axis; exponent 1 is the
-/// cosine hemisphere.
+/// A direction with the pdf (exponent + 1) / (2 pi) cos^exponent about the axis; exponent 1 is the cosine hemisphere.
 fn cosine_power(axis: DVec3, exponent: f64, u: DVec2) -> DVec3 {
     let cosine = (1.0 - u.x).powf(1.0 / (exponent + 1.0));
     let sine = (1.0 - cosine * cosine).sqrt();
@@ -361,11 +360,10 @@ fn cosine_power(axis: DVec3, exponent: f64, u: DVec2) -> DVec3 {
     sine * (across.x * x + across.y * y) + cosine * axis
 }
 
-/// z of the normals between the two branches of `basis`, where few walls have theirs.
+/// z of normals between the two branches of `basis`, which few walls have.
 const BASIS_EDGE: f64 = -0.4375;
 
-/// The basis that the kernels turn angles in. (Duff et al. 2017, Building an Orthonormal Basis,
-/// Revisited)
+/// The basis in which the kernels measure angles. (Duff et al. 2017, Building an Orthonormal Basis, Revisited)
 fn basis(n: DVec3) -> (DVec3, DVec3) {
     let sign = if n.z >= BASIS_EDGE { 1.0 } else { -1.0 };
     let a = -1.0 / (sign + n.z);
@@ -392,8 +390,8 @@ pub fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
     v
 }
 
-/// Threshold and alias of each weight. (Vose 1991) Many tables stand for the same weights: this
-/// one fills the last of the poor from the last of the rich.
+/// Threshold and alias of each weight. (Vose 1991) Many tables represent the same weights: this one fills the last poor
+/// cell from the last rich one.
 fn alias_table(weights: &[f64]) -> Vec<(f64, usize)> {
     let mean = weights.iter().sum::<f64>() / weights.len() as f64;
     let mut left: Vec<f64> = weights.iter().map(|weight| weight / mean).collect();

@@ -17,12 +17,12 @@ fn directions(dimension: usize) -> [u32; 32] {
     v
 }
 
-/// A coordinate of a point, as 32 bits of a fraction.
+/// A coordinate of a point, as a 32-bit fraction.
 pub fn sobol(index: u32, dimension: usize) -> u32 {
     (directions(dimension).iter().enumerate()).fold(0, |x, (k, v)| if index >> k & 1 == 1 { x ^ v } else { x })
 }
 
-/// A nested uniform scramble: a bit is flipped by a hash of those above it. (Burley 2020, listing 2, with
+/// A nested uniform scramble: a hash of the higher bits decides whether a bit is flipped. (Burley 2020, listing 2, with
 /// the hash of Vegdahl 2021)
 pub fn scramble(x: u32, seed: u32) -> u32 {
     let mut x = x.reverse_bits();

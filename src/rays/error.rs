@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use super::RayScene;
 
-/// Why rays could not be read or written. Every message is one line and says where the fault is.
+/// Why rays could not be read or written. Every message is one line and says where the error is.
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum RaysError {

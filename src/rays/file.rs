@@ -46,7 +46,7 @@ impl RayDump {
     }
 }
 
-/// A fault with its byte, or the system's words.
+/// An error with its byte, or the system's message.
 enum ParseError {
     Read(std::io::Error),
     Fault(u64, Fault),
@@ -79,7 +79,7 @@ fn parse(mut file: impl BufRead, scene: &RayScene) -> Result<RayDump, ParseError
     let metadata: Metadata = match serde_json::from_slice(&text) {
         Ok(metadata) => metadata,
         Err(error) => {
-            // There is one line, and the byte tells the column.
+            // There is one line, so the byte is the column.
             let said = error.to_string();
             let said = said.split(" at line ").next().unwrap_or_default().to_owned();
             return fault(start + (error.column() as u64).saturating_sub(1), Fault::Metadata(said));
@@ -94,7 +94,7 @@ fn parse(mut file: impl BufRead, scene: &RayScene) -> Result<RayDump, ParseError
     let Some(expected) = bytes else {
         return fault(start, Fault::Count(metadata.rays));
     };
-    // One byte more would tell a file that goes on. Memory grows with what is there, not with what is said to be.
+    // One more byte shows a file that is too long. Memory grows with the file, not with the size that it claims.
     let mut rays: Vec<RayRecord> = Vec::new();
     let mut bytes = Vec::new();
     let mut rest = file.take(expected + 1);
@@ -124,14 +124,14 @@ fn parse(mut file: impl BufRead, scene: &RayScene) -> Result<RayDump, ParseError
     Ok(RayDump { metadata, rays })
 }
 
-/// A line with its end, or what there is of it within `limit` bytes.
+/// A line with its end, or as much of it as is within `limit` bytes.
 fn line(file: &mut impl BufRead, limit: u64) -> std::io::Result<Vec<u8>> {
     let mut line = Vec::new();
     file.take(limit).read_until(b'\n', &mut line)?;
     Ok(line)
 }
 
-/// Whether the rays are laid out as they are read, and belong to the scene.
+/// Checks that the records have the layout that is read, and belong to the scene.
 fn check(metadata: &Metadata, scene: &RayScene) -> Result<(), Fault> {
     if metadata.record != RecordLayout::of_rays() {
         return Err(Fault::Layout);
@@ -145,7 +145,7 @@ fn check(metadata: &Metadata, scene: &RayScene) -> Result<(), Fault> {
 }
 
 const RECORD_BYTES: usize = size_of::<RayRecord>();
-/// Records that go to and from a file at once.
+/// Records that are read or written at a time.
 const RECORDS_AT_ONCE: usize = 1 << 15;
 
 fn to_bytes(ray: &RayRecord) -> [u8; RECORD_BYTES] {

@@ -1,7 +1,8 @@
 //! Ray dumps: the rays of one bounce as a file, so that traversal can be studied without a renderer.
 //!
 //! This room owns the file format, which `docs/ray-dumps.md` describes, and its errors. It knows nothing of BVHs or of
-//! the GPU: a triangle is told by its index in the scene, so a dump outlives every change of how scenes are laid out.
+//! the GPU: triangles are identified by their index in the scene, so a dump outlives every change of how scenes are
+//! laid out.
 
 mod error;
 mod file;
@@ -15,12 +16,12 @@ pub use npy::{write_distances, write_triangles};
 
 use crate::constants::NO_TRIANGLE;
 
-/// Rays with all that is needed to trace them elsewhere.
+/// Rays with everything that is needed to trace them elsewhere.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RayDump {
     /// What they are.
     pub metadata: Metadata,
-    /// As many as the metadata says, at least 1.
+    /// As many records as the metadata says, at least 1.
     pub rays: Vec<RayRecord>,
 }
 
@@ -32,15 +33,15 @@ pub struct RayRecord {
     pub origin: [f32; 3],
     /// Triangle that the origin lies on, which the ray cannot hit, in the scene's order; or `NO_TRIANGLE`.
     pub leaves: u32,
-    /// Direction; distances are in its lengths. Finite, not zero. A shadow ray to a lamp reaches it at 1.
+    /// Direction; distances are in its lengths. Finite, not zero. A shadow ray to a light reaches it at 1.
     pub direction: [f32; 3],
-    /// Of a shadow ray, the lamp's triangle, which does not block it, in the scene's order. `NO_TRIANGLE` says that it
-    /// goes on for ever, and is what other rays have.
+    /// Of a shadow ray, the light's triangle, which does not occlude it, in the scene's order. `NO_TRIANGLE` for a
+    /// shadow ray without an end, and for other rays.
     pub target: u32,
 }
 
 impl RayRecord {
-    /// Whether it can be traced: all numbers are finite and the direction is one.
+    /// Whether it can be traced: all numbers are finite and the direction is not zero.
     pub fn is_sound(&self) -> bool {
         self.fault().is_none()
     }
@@ -57,7 +58,8 @@ impl RayRecord {
         (self.direction == [0.0; 3]).then_some((DIRECTION_BYTE, Fault::NoDirection))
     }
 
-    /// What is wrong with it as a ray of that class in a scene of so many triangles, and how many bytes in.
+    /// What is wrong with it as a ray of that class in a scene of that many triangles, and how many bytes into the
+    /// record.
     fn fault_in(&self, class: RayClass, triangles: u32) -> Option<(u64, Fault)> {
         let missing = |triangle: u32| triangle != NO_TRIANGLE && triangle >= triangles;
         if let Some(fault) = self.fault() {
@@ -90,7 +92,7 @@ pub enum RayClass {
 }
 
 impl RayClass {
-    /// Its name, as flags and files have it.
+    /// Its name in flags and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Camera => "camera",
@@ -104,13 +106,13 @@ impl RayClass {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RayOrder {
-    /// Of the paths: pixels in rows from the top left, then samples. Repeatable.
+    /// Order of the path slots: pixels in rows from the top left, then samples. Repeatable.
     Slot,
-    /// Of the renderer's queue, as it came about.
+    /// Order of the renderer's queue, as it happened to be filled.
     Queue,
 }
 
-/// The scene that rays belong to, and the way from their space to its world.
+/// The scene that rays belong to, and the transform from their space to world space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RayScene {
     /// Name of the scene, for people.
@@ -125,7 +127,8 @@ pub struct RayScene {
     pub scale: f64,
 }
 
-/// The second line of a dump, as JSON with these keys. What is not needed to trace the rays says how to get them again.
+/// The second line of a dump, as JSON with these keys. Keys that are not needed to trace the rays say how to produce
+/// them again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Metadata {
     /// Version of raywave that made the dump.
@@ -137,7 +140,7 @@ pub struct Metadata {
     pub class: RayClass,
     /// Scattering events before the ray; of a shadow ray, before the surface that it leaves.
     pub bounce: u32,
-    /// How many there are.
+    /// Number of rays.
     pub rays: u64,
     /// Their order.
     pub order: RayOrder,
@@ -145,13 +148,13 @@ pub struct Metadata {
     pub width_pixels: u32,
     /// Image height.
     pub height_pixels: u32,
-    /// The rays are of the first so many pixels, in rows from the top left,
+    /// The rays are of that many first pixels, in rows from the top left,
     pub pixels: u32,
-    /// and of the first so many samples of each.
+    /// and of that many first samples of each.
     pub samples_per_pixel: u32,
     /// Seed of the random numbers.
     pub seed: u32,
-    /// implicit or explicit.
+    /// Name of the integrator.
     pub integrator: String,
     /// Scattering events between camera and light; -1 is unbounded.
     pub max_bounces: i64,
@@ -165,7 +168,7 @@ pub struct Metadata {
     pub record: RecordLayout,
 }
 
-/// Layout of a record, in the words of NumPy: `numpy.dtype` takes it as it is.
+/// Layout of a record, in the form that `numpy.dtype` takes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RecordLayout {
     /// Names of the fields.
@@ -179,7 +182,7 @@ pub struct RecordLayout {
 }
 
 impl RecordLayout {
-    /// The layout of a [`RayRecord`], the only one that is read.
+    /// The layout of a [`RayRecord`], the only one that can be read.
     pub fn of_rays() -> Self {
         Self {
             names: ["origin", "leaves", "direction", "target"].map(String::from).to_vec(),

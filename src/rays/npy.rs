@@ -1,4 +1,4 @@
-//! What stands beside a dump for other tracers, as `.npy` files: the triangles, and how far the rays go.
+//! What accompanies a dump for other tracers, as `.npy` files: the triangles, and how far the rays go.
 
 use std::path::Path;
 
@@ -22,7 +22,7 @@ pub fn write_distances(path: &Path, distances: &[f32]) -> Result<(), RaysError> 
     write(path, &format!("({},)", distances.len()), distances)
 }
 
-/// Version 1.0 of the format, as `numpy.lib.format` describes it: its head is padded to a multiple of 64 bytes.
+/// Version 1.0 of the format, as `numpy.lib.format` describes it: its header is padded to a multiple of 64 bytes.
 fn write(path: &Path, shape: &str, numbers: &[f32]) -> Result<(), RaysError> {
     const BEFORE_TEXT: usize = 10;
     let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}");

@@ -69,16 +69,16 @@ pub const CHECKS: &[Check] = &[
     },
 ];
 
-/// What the kernel `arithmetic` answers: bits of results.
+/// Answers of the kernel `arithmetic`: bits of results.
 pub type Results = [u32; 8];
 const SUM: usize = 0;
 const DIFFERENCE: usize = 1;
 const PRODUCT: usize = 2;
-/// Place of a / b.
+/// Index of a / b.
 pub const QUOTIENT: usize = 3;
-/// Place of 1 / a.
+/// Index of 1 / a.
 pub const RECIPROCAL: usize = 4;
-/// Place of the root of a.
+/// Index of the root of a.
 pub const ROOT: usize = 5;
 const TWO_ROUNDINGS: usize = 6;
 const FMA: usize = 7;
@@ -91,14 +91,14 @@ pub fn calculate(bench: &Bench<'_>) -> Result<(Vec<[f32; 3]>, Vec<Results>), Ren
     Ok((cases, answers))
 }
 
-/// The result, if no rule for denormals has a say in it.
+/// The result, if it depends on no rule for denormals.
 pub fn settled(operands: [f32; 2], result: f32) -> Option<f32> {
-    // A result that is rounded up to the smallest normal number may be flushed before.
+    // A result that rounds up to the smallest normal number may be flushed before it is rounded.
     let is_small = result.is_subnormal() || result.abs() == f32::MIN_POSITIVE;
     (!operands.iter().any(|x| x.is_subnormal()) && !is_small).then_some(result)
 }
 
-/// Holds the results at one place against the right ones, where these are settled.
+/// Compares the results at one index with the right ones, where these are defined.
 pub fn judge(cases: &[[f32; 3]], answers: &[Results], place: usize, right: impl Fn([f32; 3]) -> Option<f32>) -> Faults {
     let mut faults = Faults::default();
     for (case, answer) in cases.iter().zip(answers) {
@@ -110,9 +110,9 @@ pub fn judge(cases: &[[f32; 3]], answers: &[Results], place: usize, right: impl 
     faults
 }
 
-/// Tells a fused product and sum from two roundings by the cases where they differ.
+/// Distinguishes a fused product and sum from two roundings by the cases where they differ.
 fn judge_fma(cases: &[[f32; 3]], answers: &[Results]) -> Finding {
-    // Products so small that their low half is a denormal are left out.
+    // Leaves out products so small that their low half is a denormal.
     let is_settled = |[a, b, c]: [f32; 3]| {
         let product = f64::from(a) * f64::from(b);
         (product == 0.0 || product.abs() > 1e-30) && settled([a, b], a * b).is_some() && !c.is_subnormal()
@@ -144,7 +144,7 @@ const RULES: [([bool; 2], &str); 4] = [
     ([false, true], "results are flushed to zero, operands kept"),
 ];
 
-/// Finds the rule that explains all sums and products that it makes a difference to.
+/// Finds the rule that explains all sums and products that depend on it.
 fn judge_denormals(cases: &[[f32; 3]], answers: &[Results]) -> Finding {
     let flush = |x: f32| if x.is_subnormal() { 0.0 } else { x };
     let of = |place, a: f32, b: f32| match place {
@@ -163,7 +163,7 @@ fn judge_denormals(cases: &[[f32; 3]], answers: &[Results]) -> Finding {
             all += 1;
             for (([operands, results], _), broken) in RULES.iter().zip(&mut broken) {
                 let right = if *operands { of(place, flush(a), flush(b)) } else { of(place, a, b) };
-                // The sign of a flushed number is left open, and whether it is flushed before it is rounded.
+                // The sign of a flushed number is not defined, nor whether it is flushed before it is rounded.
                 let is_small = right.is_subnormal() || right.abs() == f32::MIN_POSITIVE;
                 let flushed = *results && is_small && found == 0.0;
                 let kept = !(*results && right.is_subnormal()) && (found == right || found.is_nan() && right.is_nan());
@@ -180,7 +180,7 @@ fn judge_denormals(cases: &[[f32; 3]], answers: &[Results]) -> Finding {
     .with("not_kept", broken[0])
 }
 
-/// Holds integers against the CPU's.
+/// Compares integers with the CPU's.
 fn judge_integers(cases: &[[u32; 2]], answers: &[[u32; 8]]) -> Faults {
     let mut faults = Faults::default();
     for ([a, b], answer) in cases.iter().zip(answers) {
@@ -204,7 +204,7 @@ fn judge_integers(cases: &[[u32; 2]], answers: &[[u32; 8]]) -> Faults {
 mod tests {
     use super::*;
 
-    /// What a device that rounds as the CPU does answers, with that fma.
+    /// Answers of a device that rounds as the CPU does, with that fma.
     fn answers(cases: &[[f32; 3]], fma: fn(f32, f32, f32) -> f32) -> Vec<Results> {
         let all = cases.iter().map(|&[a, b, c]| {
             [a + b, a - b, a * b, a / b, 1.0 / a, a.sqrt(), a * b + c, fma(a, b, c)].map(f32::to_bits)

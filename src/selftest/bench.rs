@@ -14,17 +14,17 @@ include!(concat!(env!("OUT_DIR"), "/selftest.rs"));
 /// Kernels of functions that renders call, in the arithmetic of renders.
 const OWN_FUNCTIONS: [&Kernel; 3] = [kernels::CONVERSIONS, kernels::EDGES, kernels::ELEMENTARY];
 
-/// A device, ready to be asked.
+/// A device, ready to be tested.
 pub struct Bench<'a> {
     /// What is tested.
     pub(super) device: &'a Device,
-    /// Of millions of cases one of so many is tried.
+    /// Of millions of cases, one in this many is tried.
     thinned: u32,
-    /// What becomes of a kernel's answers.
+    /// Changes a kernel's answers.
     fault: fn(&str, &mut [u8]),
 }
 
-/// A launch over `count` invocations: what [`Batch`] tells the kernels of `shaders/selftest`.
+/// A launch over `count` invocations, as [`Batch`] describes it to the kernels of `shaders/selftest`.
 pub fn launch(count: u32) -> Batch {
     Batch {
         first_pixel: 0,
@@ -48,17 +48,18 @@ impl<'a> Bench<'a> {
         Self { device, thinned: 1, fault: |_, _| () }
     }
 
-    /// Tries one of `by` cases where they are millions: for tests on a slow device.
+    /// Tries one in `by` cases if there are millions: for tests on a slow device.
     pub fn thinned(self, by: u32) -> Self {
         Self { thinned: by, ..self }
     }
 
-    /// Has answers changed before they are judged, by the name of their kernel: a broken device, to test the checks by.
+    /// Changes answers before they are judged, by the name of their kernel: a simulated broken device that tests the
+    /// checks.
     pub fn with_fault(self, fault: fn(&str, &mut [u8])) -> Self {
         Self { fault, ..self }
     }
 
-    /// Of millions of cases those that are tried.
+    /// The number of cases that are tried, of millions.
     pub fn part_of(&self, cases: u32) -> u32 {
         cases / self.thinned
     }
@@ -81,7 +82,7 @@ impl<'a> Bench<'a> {
         specialization: &[u32],
     ) -> Result<Executor, GpuError> {
         let defaults = Defaults::of(self.device)?;
-        // What the driver itself does is asked of all but the renderer's own functions.
+        // All kernels test the driver itself, except those of the renderer's own functions.
         let is_own = kernels.iter().all(|kernel| OWN_FUNCTIONS.iter().any(|own| own.name == kernel.name));
         let description = ExecutorDescription {
             kernels,
@@ -95,7 +96,7 @@ impl<'a> Bench<'a> {
         Executor::new(self.device, description)
     }
 
-    /// Runs a recording and takes what its kernel answered.
+    /// Runs a recording and returns its kernel's answers.
     pub fn run<A: Pod>(
         &self,
         executor: &mut Executor,
@@ -107,7 +108,7 @@ impl<'a> Bench<'a> {
         Ok(bytemuck::pod_collect_to_vec(&found[0]))
     }
 
-    /// What a kernel answers, which has room for as many as `size` bytes of zeros, in one launch.
+    /// The answers of a kernel in one launch, in a buffer of `size` bytes that starts as zeros.
     pub fn launch<A: Pod>(&self, kernel: &'static Kernel, size: usize, batch: Batch) -> Result<Vec<A>, GpuError> {
         let mut executor = self.open(&[kernel], vec![state(buffers::ANSWERS, size, None)])?;
         let mut work = Recording::default();
@@ -115,7 +116,7 @@ impl<'a> Bench<'a> {
         self.run(&mut executor, kernel, &mut work)
     }
 
-    /// What a kernel that is a function answers to each case; `function` says which, where it has several.
+    /// The answers to each case of a kernel that evaluates a function; `function` says which, if it has several.
     pub fn ask<C: Pod, A: Pod>(&self, kernel: &'static Kernel, function: u32, cases: &[C]) -> Result<Vec<A>, GpuError> {
         let bytes = bytemuck::cast_slice(cases);
         let roles = vec![
@@ -127,7 +128,7 @@ impl<'a> Bench<'a> {
         let mut work = Recording::default();
         work.dispatch(kernel, batch.pixel_count.div_ceil(self.workgroup_size()), &batch);
         let mut answers = self.run(&mut executor, kernel, &mut work)?;
-        // A buffer has sixteen bytes at least.
+        // A buffer has at least sixteen bytes.
         answers.truncate(cases.len());
         Ok(answers)
     }

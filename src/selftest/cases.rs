@@ -1,9 +1,9 @@
-//! Numbers to try arithmetic by.
+//! Numbers to test arithmetic with.
 
 use crate::stats::SplitMix64;
 
-/// Numbers where arithmetic may go another way: zeros, denormals, the ends of the range and of binades, infinities and
-/// NaN. Each with both signs.
+/// Numbers where arithmetic may differ: zeros, denormals, the ends of the range and of binades, infinities and NaN,
+/// each with both signs.
 const EDGES: [u32; 25] = [
     0x0000_0000, // zero
     0x0000_0001, // the smallest denormal
@@ -32,7 +32,7 @@ const EDGES: [u32; 25] = [
     0x7fc0_0000, // NaN
 ];
 
-/// Random words that are tried besides the edges.
+/// Random words that are tried in addition to the edges.
 const RANDOM: usize = 1 << 18;
 
 /// The edges with both signs.
@@ -45,8 +45,9 @@ fn edge_pairs() -> Vec<[u32; 2]> {
     edges().flat_map(|a| edges().map(move |b| [a, b])).collect()
 }
 
-/// Three numbers each: all pairs of edges with an edge, then random ones. Of these a third are any bits; a third have
-/// exponents near each other, so that sums round; a third have short significands, so that products and sums meet ties.
+/// Three numbers each: all pairs of edges with an edge, then random ones. Of the random ones a third are any bits, a
+/// third have exponents near each other, so that sums round, and a third have short significands, so that products and
+/// sums hit ties.
 pub fn operands() -> Vec<[f32; 3]> {
     let mut random = SplitMix64::new(1);
     let edges = edge_pairs().into_iter().zip(EDGES.into_iter().cycle());
@@ -59,7 +60,7 @@ pub fn operands() -> Vec<[f32; 3]> {
     cases.into_iter().map(|case| case.map(f32::from_bits)).collect()
 }
 
-/// Bits of a number of either sign from 2^-27 to 2, whose significand has no bits but those of `kept`.
+/// Bits of a number of either sign from 2^-27 to 2, whose significand has only bits of `kept`.
 fn near_one(random: &mut SplitMix64, kept: u32) -> u32 {
     let bits = random.next_u64();
     let exponent = 100 + (bits >> 32) as u32 % 28;
@@ -77,7 +78,8 @@ pub fn pairs() -> Vec<[u32; 2]> {
     pairs
 }
 
-/// Words: those of 16 bits, edges, and random ones. Of these every second has the exponent of a half, or of an integer.
+/// Words: those of 16 bits, edges, and random ones. Every second random one has the exponent of a half, or of an
+/// integer.
 pub fn words() -> Vec<u32> {
     let mut random = SplitMix64::new(3);
     let mut words: Vec<u32> = (0..1 << 16).collect();
@@ -94,7 +96,7 @@ pub fn words() -> Vec<u32> {
     words
 }
 
-/// Whether both are the same number, to the bit, or both are none.
+/// Whether both are the same number, to the bit, or both are NaN.
 pub fn same(found: u32, right: f32) -> bool {
     found == right.to_bits() || (f32::from_bits(found).is_nan() && right.is_nan())
 }

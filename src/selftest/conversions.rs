@@ -29,7 +29,7 @@ pub const CHECKS: &[Check] = &[
     },
 ];
 
-/// What the kernel `conversions` answers of a word.
+/// Answers of the kernel `conversions` for a word.
 type Answer = [u32; 8];
 const OF_UNSIGNED: usize = 0;
 const OF_SIGNED: usize = 1;
@@ -41,7 +41,7 @@ const TO_HALVES: [usize; 2] = [6, 7];
 
 fn judge_integers(cases: &[u32], answers: &[Answer]) -> Finding {
     let mut faults = Faults::default();
-    // Where an integer has more bits than a float, the way to round is left open.
+    // If an integer has more bits than a float, the rounding is not defined.
     let mut rounded = Faults::default();
     for (&word, answer) in cases.iter().zip(answers) {
         let number = f32::from_bits(word);
@@ -62,7 +62,7 @@ fn judge_integers(cases: &[u32], answers: &[Answer]) -> Finding {
             let found = f32::from_bits(answer[FLOOR]);
             faults.see(found == number.floor(), || format!("the floor of {number:e} becomes {found}"));
         }
-        // Beyond the range nothing is promised.
+        // Out of range, Vulkan promises nothing.
         if (0.0..4_294_967_296.0).contains(&number) {
             let found = answer[TO_UNSIGNED];
             faults.see(found == number as u32, || format!("{number:e} becomes {found}"));
@@ -82,7 +82,7 @@ fn judge_integers(cases: &[u32], answers: &[Answer]) -> Finding {
     .with("not_to_nearest", cut)
 }
 
-/// How a float that is no half may become one.
+/// How a float that is not a half may be rounded to one.
 #[derive(Default)]
 struct Rounding {
     cases: u64,
@@ -121,7 +121,7 @@ fn judge_halves(cases: &[u32], answers: &[Answer]) -> Finding {
         faults.see(is_same, || format!("the half {:#06x} becomes {found:e} for {right:e}", half.to_bits()));
 
         let number = f32::from_bits(word);
-        // Denormal floats are far below the smallest half, and may be flushed or not: they become zeros.
+        // Denormal floats are far below the smallest half: flushed or not, they become zero.
         for found in TO_HALVES.map(|place| f16::from_bits(answer[place] as u16)) {
             let nearest = f16::from_f32(number);
             let bits = (found.to_bits(), nearest.to_bits());
@@ -129,7 +129,7 @@ fn judge_halves(cases: &[u32], answers: &[Answer]) -> Finding {
             if number.is_nan() {
                 faults.see(found.is_nan(), tell);
             } else if number.abs() > f16::MAX.to_f32() {
-                // What is infinite must not become finite, for then nobody would find it.
+                // An infinity must not become finite, since then nothing would detect it.
                 faults.see(number.is_finite() || !found.is_finite(), tell);
                 if bits.0 != bits.1 {
                     beyond.insert(match found.to_f32() {
@@ -141,7 +141,7 @@ fn judge_halves(cases: &[u32], answers: &[Answer]) -> Finding {
             } else if nearest.to_f32() == number && !number.is_subnormal() {
                 faults.see(bits.0 == bits.1, tell);
             } else {
-                // Halves of one sign are in the order of their bits.
+                // Halves of one sign are ordered like their bits.
                 faults.see(bits.0.abs_diff(bits.1) <= 1, tell);
                 if number.abs() >= f16::MIN_POSITIVE.to_f32() {
                     normal.see(found, number);
@@ -159,7 +159,7 @@ fn judge_halves(cases: &[u32], answers: &[Answer]) -> Finding {
         small.name(),
         beyond.join(" or "),
     );
-    // raywave rounds numbers before they are converted, and cuts what is larger than a half can be.
+    // raywave rounds numbers before they are converted, and clamps those above the largest half.
     let is_nearest = [&normal, &small].iter().all(|rounding| rounding.nearest == rounding.cases);
     match faults.wrong {
         0 if !is_nearest || has_own_way => Finding::new(faults.cases, Verdict::Property, found),
@@ -196,7 +196,7 @@ mod tests {
             let finding = judge(&cases, &right);
             assert_eq!(finding.verdict, Verdict::Ok, "{}", finding.found);
         }
-        // A number that all conversions have a say in.
+        // A number that all conversions affect.
         let at = cases.iter().rposition(|word| (1.0..60_000.0).contains(&f32::from_bits(*word))).expect("there is one");
         for place in 0..8 {
             let mut wrong = right.clone();

@@ -1,7 +1,8 @@
 //! Whether quotients, reciprocals and roots are the nearest numbers.
 //!
-//! Vulkan leaves a quotient 2.5 units of the last place, and raywave corrects what is not exact. Every significand is
-//! tried, and of quotients 10^8 pairs: kernels make them, hold the results against remainders of integers, and count.
+//! Vulkan allows a quotient an error of 2.5 units in the last place (ulp), and raywave corrects quotients that are not
+//! exact. Every significand is tried, and 10^8 pairs for quotients: kernels compute them, compare the results with
+//! integer remainders, and count.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -12,7 +13,7 @@ use crate::layout::Batch;
 use crate::render::RenderError;
 use crate::shaders::Kernel;
 
-/// Cases of an invocation.
+/// Cases per invocation.
 const RUN: u32 = 1024;
 /// Quotients that are tried.
 const QUOTIENTS: u32 = 100_000_000;
@@ -51,18 +52,18 @@ pub const CHECKS: &[Check] = &[
     },
 ];
 
-/// An operation that a device may round in its own way.
+/// An operation whose rounding Vulkan leaves to the device.
 struct Operation {
     /// The kernel that counts.
     kernel: &'static Kernel,
-    /// How many it tries.
+    /// How many cases it tries.
     cases: u32,
-    /// Where the kernel `arithmetic` answers.
+    /// Index of its answer in the kernel `arithmetic`.
     place: usize,
     of: fn(f32, f32) -> f32,
 }
 
-/// What the kernels count; see `tally.glsl`.
+/// Counts of the kernels; see `tally.glsl`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
 struct Tally {
@@ -80,7 +81,7 @@ fn exactness(bench: &Bench<'_>, operation: &Operation) -> Result<Finding, Render
     Ok(Edges::of(operation, &cases, &answers).finding(u64::from(invocations * RUN), tally[0]))
 }
 
-/// Results that the CPU has too.
+/// Results that the CPU computes too.
 struct Edges {
     /// Of numbers.
     plain: Faults,

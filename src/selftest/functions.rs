@@ -1,7 +1,7 @@
 //! How far functions are from the exact ones.
 //!
-//! What a driver's own are off by is told, and no fault: Vulkan promises little of them. A function of raywave's has a
-//! bound.
+//! The error of a driver's own function is reported but is not a failure, since Vulkan promises little. A function of
+//! raywave's has a bound.
 
 use std::f64::consts::TAU;
 
@@ -77,26 +77,26 @@ pub const CHECKS: &[Check] = &[
     },
 ];
 
-/// Arguments that are tried, of each function.
+/// Arguments that are tried for each function.
 const ARGUMENTS: usize = 1 << 18;
 
 /// A function of one or two numbers.
 struct Function {
-    /// The kernel that has it, and its case there.
+    /// The kernel that contains it, and its case there.
     kernel: &'static Kernel,
     number: u32,
     /// The exact one.
     of: fn(f64, f64) -> f64,
     /// Arguments from uniform numbers in [0, 1).
     domain: fn([f64; 2]) -> [f64; 2],
-    /// What it may be off by, in units of the last place; of a function of the driver nothing is promised.
+    /// Largest allowed error in units of the last place; `None` for a function of the driver.
     bound: Option<f64>,
 }
 
-/// What a function of raywave's spoils where it is off.
+/// What an error of one of raywave's functions spoils.
 const OWN: &str = "directions, lobes and skies are off, and the image is another one than elsewhere";
 
-/// A function of the driver's.
+/// A function of the driver.
 fn of_driver(number: u32, of: fn(f64, f64) -> f64, domain: fn([f64; 2]) -> [f64; 2]) -> Function {
     Function { kernel: kernels::FUNCTIONS, number, of, domain, bound: None }
 }
@@ -123,7 +123,7 @@ fn arguments(function: &Function) -> Vec<[f32; 2]> {
     (0..ARGUMENTS).map(argument).collect()
 }
 
-/// The distance of floats at a number.
+/// The spacing of floats at a number.
 fn unit_at(x: f64) -> f64 {
     let exponent = x.abs().log2().floor().max(-126.0);
     (exponent - 23.0).exp2()
@@ -136,7 +136,7 @@ fn judge(function: &Function, cases: &[[f32; 2]], answers: &[u32]) -> Finding {
     for (case, answer) in cases.iter().zip(answers) {
         let [x, y] = case.map(f64::from);
         let right = (function.of)(x, y);
-        // What is a denormal or none may be flushed.
+        // Skips results that are not finite, or so small that they may be flushed.
         if !right.is_finite() || right.abs() < f64::from(2.0 * f32::MIN_POSITIVE) {
             continue;
         }

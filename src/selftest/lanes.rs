@@ -1,4 +1,4 @@
-//! Subgroups and atomics: what queues are appended to by.
+//! Subgroups and atomics, which appending to queues relies on.
 
 use std::collections::BTreeMap;
 
@@ -33,7 +33,7 @@ pub const CHECKS: &[Check] = &[
     },
 ];
 
-/// Words as `words_of` makes them.
+/// Words as `words_of` computes them.
 fn words_of(index: u32, purpose: u32) -> [u32; 4] {
     pcg4d([index, purpose, 0, 0])
 }
@@ -51,7 +51,7 @@ fn wander(index: u32, purpose: u32) -> u32 {
     word
 }
 
-/// What the kernel `ballots` answers of a lane at one place of its code.
+/// Answers of the kernel `ballots` for a lane at one point of its code.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct Voice {
@@ -72,7 +72,7 @@ impl Voice {
     }
 }
 
-/// Places of the kernel where lanes are asked.
+/// Points of the kernel where it queries lanes.
 const PLACES: usize = 3;
 
 fn ballots(bench: &Bench<'_>) -> Result<Finding, RenderError> {
@@ -85,10 +85,11 @@ fn ballots(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     Ok(judge_ballots(count as usize, &voices))
 }
 
-/// Lanes of a subgroup, at most: Vulkan's masks have bits for no more.
+/// Most lanes of a subgroup: Vulkan's masks have no more bits.
 const MOST_LANES: usize = 128;
 
-/// Lanes that are together must agree on who they are. Which are together is left open: it is only counted.
+/// Lanes that are active together must agree on which they are. Which lanes are active together is not defined and only
+/// counted.
 fn judge_ballots(count: usize, voices: &[Voice]) -> Finding {
     let mut faults = Faults::default();
     let mut apart = 0_u64;
@@ -107,7 +108,7 @@ fn judge_ballots(count: usize, voices: &[Voice]) -> Finding {
                 continue;
             }
             let masks: Vec<u128> = lanes.iter().map(|(voice, _)| voice.lanes()).collect();
-            // After the loop all of a subgroup could be together again.
+            // After the loop all lanes of a subgroup could have reconverged.
             apart += u64::from(place == 0 && masks.iter().any(|mask| *mask != masks[0]));
             for (voice, _) in lanes {
                 let mask = voice.lanes();
@@ -198,7 +199,7 @@ mod tests {
 
     const COUNT: u32 = 256;
 
-    /// Subgroups of eight lanes that are together at every place as `mask` says.
+    /// Subgroups of eight lanes whose active lanes at every point are those of `mask`.
     fn voices(mask: impl Fn(usize, u32, u32) -> u32) -> Vec<Voice> {
         let mut voices = Vec::new();
         for place in 0..PLACES {

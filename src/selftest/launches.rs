@@ -38,7 +38,7 @@ pub const CHECKS: &[Check] = &[
     },
 ];
 
-/// Workgroups of the launches, one after the other.
+/// Workgroups of the successive launches.
 const SIZES: [u32; 8] = [1, 0, 7, 1000, 2, 20_000, 0, 300];
 
 fn indirect(bench: &Bench<'_>) -> Result<Finding, RenderError> {
@@ -72,15 +72,15 @@ fn judge_indirect(sizes: &[u32], workgroup_size: u32, answers: &[[u32; 4]]) -> F
     faults
 }
 
-/// Turns of loops: about the limit of some drivers, and far beyond.
+/// Loop iterations: about the limit of some drivers, and far beyond.
 const TURNS: [u32; 8] = [0, 1, 1000, 65_534, 65_535, 65_536, 100_000, 1 << 20];
-/// The most turns that raywave's kernels take of a loop. With the look that ends it, it is passed 65,535 times, after
-/// which some drivers leave it.
+/// The most iterations that raywave's kernels run a loop for. With the check that ends it, its head is passed 65,535
+/// times, after which some drivers leave it.
 const NEEDED_TURNS: u32 = 65_534;
 
 fn loops(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     let mut answers: Vec<[u32; 2]> = Vec::new();
-    // One by one: some drivers count the turns of lanes together.
+    // One by one: some drivers count the iterations of all lanes together.
     for turns in TURNS {
         answers.extend(bench.ask::<_, [u32; 2]>(kernels::LOOPS, 0, &[turns])?);
     }
@@ -111,7 +111,7 @@ fn judge_loops(answers: &[[u32; 2]]) -> Finding {
     .with("limit_turns", limit)
 }
 
-/// Words of a pass, and passes of the chain.
+/// Words per pass, and passes of the chain.
 const CHAIN: (u32, u32) = (1 << 19, 64);
 
 fn barriers(bench: &Bench<'_>) -> Result<Finding, RenderError> {
@@ -127,7 +127,7 @@ fn barriers(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     Ok(judge_chain(CHAIN, &words).finding("all do", Verdict::Off))
 }
 
-/// Holds the last two passes against the CPU's.
+/// Compares the last two passes with the CPU's.
 fn judge_chain((count, passes): (u32, u32), words: &[u32]) -> Faults {
     let mut faults = Faults::default();
     let mut halves: [Vec<u32>; 2] = [(0..count).collect(), Vec::new()];
@@ -146,7 +146,7 @@ fn judge_chain((count, passes): (u32, u32), words: &[u32]) -> Faults {
     faults
 }
 
-/// How far the clocks may be apart in the best of some tries, relative: the host may be held up.
+/// Largest relative difference of the clocks in the best of several tries, since the host may be delayed.
 const CLOCK_TOLERANCE: f64 = 0.05;
 const TRIES: usize = 8;
 
@@ -170,7 +170,7 @@ fn clock(bench: &Bench<'_>) -> Result<Finding, RenderError> {
         executor.wait()?;
         let host = start.elapsed().as_secs_f64();
         let kernels = executor.kernel_times().values().map(|time| time.seconds).sum();
-        // Shorter ones are mostly the host's own time.
+        // Shorter launches are mostly the host's own time.
         if host < 0.05 && passes < 2048 {
             passes *= 2;
             continue;
@@ -188,7 +188,7 @@ fn clock(bench: &Bench<'_>) -> Result<Finding, RenderError> {
 struct Times {
     /// On the host's clock, around it.
     host: f64,
-    /// On the device's, from end to end.
+    /// On the device's, from start to end.
     device: f64,
     /// On the device's, the sum over its passes.
     kernels: f64,
@@ -199,7 +199,7 @@ impl Times {
         (self.device / self.host - 1.0).abs() <= CLOCK_TOLERANCE && self.run_forward()
     }
 
-    /// A step back is a time of many years.
+    /// A step back would read as many years.
     fn run_forward(&self) -> bool {
         self.kernels > 0.0 && self.kernels <= 1.001 * self.device && self.device <= 1.01 * self.host
     }

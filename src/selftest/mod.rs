@@ -1,8 +1,8 @@
 //! The self-test: what the tracer relies on, each checked on a device by a kernel of its own against the CPU.
 //!
-//! This room owns the checks, their kernels in `shaders/selftest` and the verdicts; what came of a check is a [`Row`].
-//! It never prints. A check says three things apart: that all is as the tracer needs it, what the device does in a way
-//! of its own that spoils nothing, and what spoils results.
+//! This room owns the checks, their kernels in `shaders/selftest` and the verdicts; the result of a check is a [`Row`].
+//! It never prints. A check distinguishes three outcomes: everything is as the tracer needs it, the device differs in a
+//! way that spoils nothing, or something spoils results.
 
 mod arithmetic;
 mod bench;
@@ -29,9 +29,9 @@ use crate::render::RenderError;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// All is as the tracer needs it.
+    /// Everything is as the tracer needs it.
     Ok,
-    /// The device has a way of its own, which spoils nothing.
+    /// The device differs in a way that spoils nothing.
     Property,
     /// Something is off that spoils results.
     Off,
@@ -43,12 +43,12 @@ pub struct Check {
     pub name: &'static str,
     /// What is checked.
     pub checked: &'static str,
-    /// What is wrong where the check fails.
+    /// What a failure of the check spoils.
     pub spoils: &'static str,
     run: fn(&Bench<'_>) -> Result<Finding, RenderError>,
 }
 
-/// What a check found.
+/// The findings of a check.
 struct Finding {
     cases: u64,
     verdict: Verdict,
@@ -56,28 +56,28 @@ struct Finding {
     numbers: Map<String, Value>,
 }
 
-/// A check and what came of it.
+/// A check and its result.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
     /// Short name of the check.
     pub name: &'static str,
     /// What was checked.
     pub checked: &'static str,
-    /// How many cases of it.
+    /// Number of cases.
     pub cases: u64,
-    /// What came of it.
+    /// The verdict.
     pub verdict: Verdict,
-    /// What was found, for people.
+    /// The findings, for people.
     pub found: String,
-    /// What is wrong if the verdict is `off`.
+    /// What it spoils if the verdict is `off`.
     pub spoils: &'static str,
-    /// What was found, by name.
+    /// Measured numbers, by name.
     pub numbers: Map<String, Value>,
     /// Time that the check took.
     pub seconds: f64,
 }
 
-/// Whatever is checked, in the order of the report.
+/// The checks, in the order of the report.
 pub const CHECKS: &[&[Check]] = &[
     arithmetic::CHECKS,
     exactness::CHECKS,
@@ -96,7 +96,7 @@ pub fn checks() -> impl Iterator<Item = &'static Check> {
 }
 
 impl Check {
-    /// Runs its kernels. A device that fails at it is off.
+    /// Runs its kernels. An error of the device counts as `off`.
     pub fn run(&self, bench: &Bench<'_>) -> Row {
         let start = Instant::now();
         let finding =
@@ -123,14 +123,14 @@ impl Finding {
         Self::new(cases, Verdict::Ok, found)
     }
 
-    /// Adds a number to what is told by name.
+    /// Adds a number to those that are reported by name.
     fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
         self.numbers.insert(name.to_owned(), value.into());
         self
     }
 }
 
-/// Cases of which some are wrong.
+/// A count of cases, and of those that are wrong.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Faults {
     cases: u64,
@@ -140,7 +140,7 @@ struct Faults {
 }
 
 impl Faults {
-    /// Looks at one more case. `example` tells of it if it is wrong.
+    /// Counts one more case. `example` describes it if it is wrong.
     fn see(&mut self, right: bool, example: impl FnOnce() -> String) {
         self.cases += 1;
         if !right {
@@ -151,7 +151,7 @@ impl Faults {
         }
     }
 
-    /// Adds those of another part.
+    /// Adds the counts of another part.
     fn join(&mut self, other: Self) {
         if self.wrong == 0 {
             self.example = other.example;
@@ -160,7 +160,7 @@ impl Faults {
         self.wrong += other.wrong;
     }
 
-    /// What was found: `all` where nothing is wrong, else a verdict with an example.
+    /// The findings: `all` if nothing is wrong, otherwise a verdict with an example.
     fn finding(self, all: &str, verdict: Verdict) -> Finding {
         let Self { cases, wrong, example } = self;
         let finding = match wrong {

@@ -25,7 +25,7 @@ pub const CHECKS: &[Check] = &[
     },
 ];
 
-/// What the kernel `specials` answers: relations, min, max, the larger by a comparison; -a, |a|, a b, and a.
+/// Answers of the kernel `specials`: relations, min, max, the larger by a comparison; -a, |a|, a b, and a.
 type Answer = [u32; 8];
 const RELATIONS: usize = 0;
 const MIN: usize = 1;
@@ -36,7 +36,7 @@ const ABSOLUTE: usize = 5;
 const PRODUCT: usize = 6;
 const LOADED: usize = 7;
 
-/// Relations as the kernel has them in bits.
+/// Relations, in the kernel's order of bits.
 fn relations(a: f32, b: f32) -> u32 {
     [a < b, a <= b, a > b, a >= b, a == b, a != b, a.is_nan(), a.is_infinite()]
         .iter()
@@ -50,13 +50,13 @@ fn judge(cases: &[[u32; 2]], answers: &[Answer]) -> Finding {
     for (&[a_bits, b_bits], answer) in cases.iter().zip(answers) {
         let (a, b) = (f32::from_bits(a_bits), f32::from_bits(b_bits));
         let tell = |what: &str| format!("{what} of {a:e} and {b:e}: {answer:x?}");
-        // Comparisons may take denormals for zeros.
+        // Comparisons may treat denormals as zeros.
         let flush = |x: f32| if x.is_subnormal() { 0.0 } else { x };
         let holds = answer[RELATIONS] == relations(a, b);
         let holds_flushed = answer[RELATIONS] == relations(flush(a), flush(b));
         faults.see(holds || holds_flushed, || tell("relations"));
         flushed += u64::from(!holds);
-        // A number that is none keeps none of its bits for sure, nor does a denormal.
+        // Neither NaN nor a denormal is sure to keep its bits.
         if !a.is_nan() && !a.is_subnormal() {
             faults.see(answer[NEGATED] == a_bits ^ 0x8000_0000, || tell("the negative"));
             faults.see(answer[ABSOLUTE] == a_bits & 0x7fff_ffff, || tell("the absolute value"));
@@ -83,7 +83,7 @@ fn judge(cases: &[[u32; 2]], answers: &[Answer]) -> Finding {
     .with("comparisons_flushed", flushed)
 }
 
-/// What min and max make of a number and NaN, or of two zeros.
+/// What min and max return for a number and NaN, or for two zeros.
 #[derive(Default)]
 struct Choice {
     /// The number, or the smaller zero of min and the larger of max.
@@ -135,7 +135,7 @@ fn judge_min_max(cases: &[[u32; 2]], answers: &[Answer]) -> Finding {
     let nan = with_nan.name("the number", "NaN");
     let zeros = with_zeros.name("the one in order", "the other");
     let found = format!("all are right; of a number and NaN they take {nan}, of zeros of both signs {zeros}");
-    // Nothing is promised of either, and raywave asks for neither.
+    // Vulkan promises neither, and raywave relies on neither.
     faults.finding(&found, Verdict::Off).with("with_nan", nan).with("with_zeros", zeros)
 }
 
@@ -171,7 +171,7 @@ mod tests {
             wrong[1][place] ^= 1;
             let min_max = [MIN, MAX].contains(&place);
             let finding = if min_max { judge_min_max(&cases, &wrong) } else { judge(&cases, &wrong) };
-            // The product is looked at where there is a zero.
+            // The product is checked if there is a zero.
             assert_eq!(finding.verdict == Verdict::Off, place != PRODUCT, "place {place}");
         }
         let mut wrong = right.clone();

@@ -24,11 +24,11 @@ pub const CHECKS: &[Check] = &[Check {
 
 /// Rays at each body.
 const RAYS: u32 = 2_500_000;
-/// Those of an invocation.
+/// Rays per invocation.
 const RUN: u32 = 16;
 /// Rays at each body that the CPU traces too.
 const TRACED: u32 = 1 << 15;
-/// Words before the hits.
+/// Words ahead of the hits.
 const HEAD: usize = 4;
 
 fn watertight(bench: &Bench<'_>) -> Result<Finding, RenderError> {
@@ -46,7 +46,7 @@ fn watertight(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     Ok(leaks.finding())
 }
 
-/// What the kernel `edges` answers.
+/// Answers of the kernel `edges`.
 fn trace(
     bench: &Bench<'_>,
     scene: &Scene,
@@ -105,18 +105,18 @@ fn ray_of(number: u32, triangles: &[Triangle]) -> Ray {
     Ray { origin, direction: target - origin, leaves: NO_TRIANGLE }
 }
 
-/// What was found of all bodies.
+/// Findings over all bodies.
 #[derive(Debug, Default)]
 struct Leaks {
     rays: u64,
     lost: u64,
-    /// The first that was lost.
+    /// The first ray that was lost.
     example: String,
-    /// Rays that the CPU traced too.
+    /// Rays that the CPU traced as well.
     traced: u64,
     /// Hits of another triangle, or elsewhere in it.
     differing: u64,
-    /// Hits as far as the CPU's but for its rounding.
+    /// Hits at the CPU's distance, up to rounding.
     near: u64,
 }
 
@@ -171,7 +171,7 @@ impl Leaks {
 mod tests {
     use super::*;
 
-    /// What a device answers that traces as the CPU does.
+    /// Answers of a device that traces as the CPU does.
     fn answers(prepared: &PreparedScene) -> Vec<u32> {
         let hit = |number| {
             let ray = ray_of(number, &prepared.triangles);

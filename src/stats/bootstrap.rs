@@ -15,7 +15,7 @@ pub struct SplitMix64 {
 }
 
 impl SplitMix64 {
-    /// A generator whose numbers depend on the seed alone.
+    /// A generator whose numbers depend only on the seed.
     pub fn new(seed: u64) -> Self {
         Self { state: seed }
     }
@@ -34,21 +34,21 @@ impl SplitMix64 {
         (self.next_u64() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// The next index in 0..`len`, by Lemire's multiplication. Its bias, below len / 2^64, is far
-    /// under what any number of draws could show.
+    /// The next index in 0..`len`, by Lemire's multiplication. Its bias, below len / 2^64, is far below what any number
+    /// of draws could show.
     pub fn next_index(&mut self, len: usize) -> usize {
         ((u128::from(self.next_u64()) * len as u128) >> 64) as usize
     }
 }
 
 /// The expanded percentile bootstrap: the statistic of many resamples, drawn with replacement, and its quantiles.
-/// Resamples of few values scatter less than samples do, so quantiles further out are taken, by as much as the mean of
+/// Resamples of few values scatter less than samples do, so it takes quantiles further out, as far as the mean of
 /// normal values needs.
 ///
-/// Source: Efron and Tibshirani, "An Introduction to the Bootstrap" (1993), chapter 13; Hesterberg, "What Teachers Should
-/// Know About the Bootstrap", The American Statistician 69 (2015) for the expansion. It asks for no
-/// distribution, but it cannot see beyond the sample: of medians, for which it is not needed, see
-/// [`Estimate::of_median`]. Fewer than [`FEWEST_ROUNDS`] values have no interval.
+/// Source: Efron and Tibshirani, "An Introduction to the Bootstrap" (1993), chapter 13; Hesterberg, "What Teachers
+/// Should Know About the Bootstrap", The American Statistician 69 (2015) for the expansion. It assumes no distribution,
+/// but it cannot see beyond the sample. Medians do not need it: see [`Estimate::of_median`]. Fewer than
+/// [`FEWEST_ROUNDS`] values have no interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bootstrap {
     /// Resamples drawn, at least 1.
@@ -65,7 +65,7 @@ impl Default for Bootstrap {
 }
 
 impl Bootstrap {
-    /// Any statistic of independent values. There is no interval of fewer than [`FEWEST_ROUNDS`].
+    /// Any statistic of independent values. Fewer than [`FEWEST_ROUNDS`] have no interval.
     ///
     /// # Panics
     ///
@@ -91,7 +91,7 @@ impl Bootstrap {
     }
 }
 
-/// The share of the resamples of `count` values that an interval leaves out on either side.
+/// The share of the resamples of `count` values that an interval excludes on either side.
 fn tail(count: usize) -> f64 {
     let n = count as f64;
     let student = StudentsT::new(0.0, 1.0, n - 1.0).expect("there are two values");

@@ -1,4 +1,4 @@
-//! Tests of hypotheses: normal, chi-square, and what many tests at once ask for.
+//! Tests of hypotheses: normal, chi-square, and the correction for many tests at once.
 
 use statrs::{
     distribution::{ContinuousCDF, Normal},
@@ -34,11 +34,11 @@ pub struct ZTest {
 
 /// Tests whether a deviation is zero, given its standard error, by the normal distribution.
 ///
-/// Two estimates are compared by their difference and sqrt(e1² + e2²). Where the standard error is
-/// zero, a deviation of zero gives z = 0, any other infinity.
+/// Two estimates are compared by their difference and sqrt(e1² + e2²). If the standard error is zero, a deviation of
+/// zero gives z = 0, any other infinity.
 pub fn z_test(deviation: f64, standard_error: f64) -> ZTest {
     let z = if deviation == 0.0 && standard_error == 0.0 { 0.0 } else { deviation / standard_error };
-    // erfc keeps its digits far out in the tail, where 1 - cdf has none.
+    // erfc keeps its digits far out in the tail, where 1 - cdf loses them all.
     let p = erfc(z.abs() / std::f64::consts::SQRT_2);
     ZTest { z, p }
 }
@@ -72,10 +72,10 @@ pub struct ChiSquare {
 
 /// Pearson's test of goodness of fit: do the counts `observed` follow `expected`?
 ///
-/// Bins with fewer than five expected counts are pooled, smallest first, until every cell has
-/// five; which bins share a cell depends on the expectation alone. The expected counts are to add
-/// up to as many as were observed. With fewer than two cells there is nothing to test and p is 1.
-/// A count where exactly none was expected is impossible: the statistic is infinite and p is 0.
+/// Bins with fewer than five expected counts are pooled, smallest first, until every cell has five; which bins share a
+/// cell depends only on the expectation. The expected counts must add up to the observed number. With fewer than two
+/// cells there is nothing to test and p is 1. A count in a cell where exactly none was expected is impossible: the
+/// statistic is infinite and p is 0.
 ///
 /// # Panics
 ///
@@ -113,7 +113,7 @@ fn pool(observed: &[f64], expected: &[f64]) -> Vec<(f64, f64)> {
             cells.push(std::mem::take(&mut open));
         }
     }
-    // What is left expects too little for a cell of its own.
+    // The rest expects too few counts for a cell of its own.
     if let Some(last) = cells.last_mut() {
         *last = (last.0 + open.0, last.1 + open.1);
     }

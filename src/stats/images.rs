@@ -7,9 +7,8 @@ use serde::Serialize;
 use super::{Moments, ZTest, z_test};
 use crate::image::Image;
 
-/// Keeps relMSE finite where the reference is dark, in radiance squared. The 0.01 of Rousselle,
-/// Knaus and Zwicker, "Adaptive sampling and reconstruction using greedy error minimization",
-/// ACM TOG 30 (2011).
+/// Keeps relMSE finite if the reference is dark, in radiance squared. The 0.01 of Rousselle, Knaus and Zwicker,
+/// "Adaptive sampling and reconstruction using greedy error minimization", ACM TOG 30 (2011).
 pub const DARK: f64 = 0.01;
 
 /// Pixels that a core compares at a time.
@@ -37,8 +36,7 @@ pub struct ImageComparison {
     pub height: u32,
     /// Pixels that entered `whole` and `channels`: those finite in every channel of both images.
     pub compared_pixels: u64,
-    /// Pixels that agree in every bit of every channel. Zeros of unlike sign differ, NaNs of like
-    /// bits do not.
+    /// Pixels that agree in every bit of every channel. Zeros of different sign differ, NaNs of the same bits do not.
     pub identical_pixels: u64,
     /// Share of all pixels, in [0, 1], that are not identical.
     pub share_of_differing_pixels: f64,
@@ -61,7 +59,7 @@ pub struct NonFinite {
     pub inf_count: u64,
 }
 
-/// Differences image - reference over the finite pixels; NaN where there are none.
+/// Differences image - reference over the finite pixels; NaN without finite pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Differences {
     /// Mean of (a - b)², radiance squared.
@@ -78,8 +76,8 @@ pub struct Differences {
     /// channels together from each pixel's mean over its channels, because the channels of one
     /// pixel share their paths and are not independent.
     pub standard_error: f64,
-    /// `mean_difference` over `standard_error`. It judges two unbiased renders of one scene; where
-    /// the images differ on purpose it only says how plainly they do.
+    /// `mean_difference` over `standard_error`. It judges two unbiased renders of one scene; if the images differ on
+    /// purpose it only says how clearly they do.
     pub z: f64,
     /// Two-sided p-value of `z`.
     pub p: f64,
@@ -98,7 +96,7 @@ pub fn compare_images(a: &Image, b: &Image) -> Result<ImageComparison, SizesDiff
     if size_a != size_b {
         return Err(SizesDiffer { a: size_a, b: size_b });
     }
-    // Parts of a fixed size, put together in their order: the same numbers on any number of cores.
+    // Parts of a fixed size, merged in their order: the same numbers on any number of cores.
     let parts = a.pixels.par_chunks(PART).zip(b.pixels.par_chunks(PART)).map(|(a, b)| Part::of(a, b));
     let parts: Vec<Part> = parts.collect();
     let all = parts.iter().fold(Part::default(), Part::with);
@@ -135,7 +133,7 @@ impl NonFinite {
     }
 }
 
-/// What is found of a part of two images.
+/// Results for a part of two images.
 #[derive(Debug, Clone, Copy, Default)]
 struct Part {
     identical: u64,
@@ -206,7 +204,7 @@ impl Part {
     }
 }
 
-/// Numbers summed with their squares, less the first of them, so that equal ones have no variance.
+/// Numbers summed with their squares, relative to the first of them, so that equal ones have no variance.
 #[derive(Debug, Clone, Copy, Default)]
 struct ShiftedSums {
     count: u64,
@@ -239,7 +237,7 @@ struct Channel {
     a: f64,
     b: f64,
     difference: Moments,
-    /// 0 where all are.
+    /// 0 if all are.
     largest: f64,
 }
 

@@ -1,7 +1,7 @@
 //! Statistics: summaries, tests of hypotheses, intervals, and the comparison of two images.
 //!
-//! Pure functions of numbers. They draw no random numbers but from their own seeded generator, so
-//! every result can be repeated to the last bit.
+//! Pure functions of numbers. They draw random numbers only from their own seeded generator, so every result can be
+//! repeated to the last bit.
 
 mod bootstrap;
 mod estimate;

@@ -12,7 +12,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Takes one more number.
+    /// Adds a number.
     pub fn push(&mut self, value: f64) {
         self.count += 1;
         let before = value - self.mean;
@@ -20,17 +20,17 @@ impl Moments {
         self.squares += before * (value - self.mean);
     }
 
-    /// Of `count` numbers, of whose differences from `shift` the sum and the sum of squares are known.
+    /// The summary of `count` numbers, given the sum and the sum of squares of their differences from `shift`.
     pub(super) fn of_sums(count: u64, shift: f64, sum: f64, squares: f64) -> Self {
         if count == 0 {
             return Self::default();
         }
         let mean = sum / count as f64;
-        // Rounding may leave a hair below zero.
+        // Rounding may leave a value just below zero.
         Self { count, mean: shift + mean, squares: (squares - sum * mean).max(0.0) }
     }
 
-    /// Takes everything that `other` has seen.
+    /// Adds everything that `other` has seen.
     pub fn merge(&mut self, other: &Self) {
         if other.count == 0 {
             return;
@@ -43,12 +43,12 @@ impl Moments {
         self.count = count;
     }
 
-    /// How many numbers were taken.
+    /// How many numbers were added.
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// Their mean; NaN of none.
+    /// Their mean; NaN without numbers.
     pub fn mean(&self) -> f64 {
         if self.count == 0 { f64::NAN } else { self.mean }
     }
@@ -78,7 +78,7 @@ impl FromIterator<f64> for Moments {
     }
 }
 
-/// The mean; NaN of none.
+/// The mean; NaN without values.
 pub fn mean(values: &[f64]) -> f64 {
     Moments::from_iter(values.iter().copied()).mean()
 }
@@ -93,13 +93,13 @@ pub fn standard_error(values: &[f64]) -> f64 {
     Moments::from_iter(values.iter().copied()).standard_error()
 }
 
-/// The middle value, or the mean of the two middle ones; NaN of none.
+/// The middle value, or the mean of the two middle ones; NaN without values.
 pub fn median(values: &[f64]) -> f64 {
     quantile(values, 0.5)
 }
 
-/// The value below which the share `q` in [0, 1] lies, interpolated linearly between neighbours;
-/// NaN of no values, or where a NaN is among them.
+/// The value below which the share `q` in [0, 1] lies, interpolated linearly between neighbours; NaN without values, or
+/// if a NaN is among them.
 ///
 /// Source: definition 7 of Hyndman and Fan, "Sample quantiles in statistical packages", The
 /// American Statistician 50 (1996), the default of R and NumPy.

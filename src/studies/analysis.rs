@@ -1,4 +1,4 @@
-//! What the timings of a study say: medians, ratios, their intervals, and what to distrust.
+//! Analysis of a study's timings: medians, ratios, their intervals, and warnings.
 
 use std::fmt;
 use std::sync::Arc;
@@ -19,14 +19,14 @@ use crate::stats::{CONFIDENCE, Estimate, FEWEST_ROUNDS, TOO_FEW_ROUNDS, median};
 
 /// p-value of a trend below which the timings drift.
 const DRIFT_P: f64 = 0.01;
-/// Width of an interval that [`CombinationReport::rounds_needed`] aims at, where the user names none.
+/// Width of an interval that [`CombinationReport::rounds_needed`] aims at, if the user names none.
 const TARGET_WIDTH: f64 = 0.03;
-/// Most that the kernels' times may miss of the whole before a warning.
+/// Largest share of the total that the kernels' times may miss without a warning.
 const KERNEL_SUM_TOLERANCE: f64 = 0.05;
 
-/// Most that the device's clock may be off its median in a round, as a share of it.
+/// Largest deviation of the device's clock from its median in a round, as a share of it.
 const CLOCK_TOLERANCE: f64 = 0.02;
-/// Reasons for a low clock that are no fault: it has nothing to do, or the user has set it.
+/// Reasons for a low clock that are not a problem: the device is idle, or the user has set the clock.
 const IDLE: [&str; 2] = ["gpu_idle", "applications_clocks_setting"];
 
 /// The clock by which combinations are compared.
@@ -40,7 +40,7 @@ pub enum Clock {
     Gpu,
 }
 
-/// A study and what came of it.
+/// A study and its results.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     /// Whether the study ran to its end.
@@ -50,7 +50,7 @@ pub struct Report {
     pub factors: Vec<(&'static str, Vec<String>)>,
     /// The baseline.
     pub baseline: Configuration,
-    /// How often.
+    /// How often everything is repeated.
     pub rounds: Rounds,
     /// The clock that is compared.
     pub clock: Clock,
@@ -62,7 +62,7 @@ pub struct Report {
     pub scenes: Vec<SceneReport>,
 }
 
-/// What came of one scene.
+/// The results of one scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct SceneReport {
     /// The scene.
@@ -74,37 +74,37 @@ pub struct SceneReport {
     pub crossovers: Vec<Crossover>,
 }
 
-/// What came of one combination.
+/// The results of one combination.
 #[derive(Debug, Clone, Serialize)]
 pub struct CombinationReport {
     /// The combination.
     pub configuration: Configuration,
-    /// What tells it from the others.
+    /// What distinguishes it from the others.
     pub label: String,
     /// The label of the combination that it is compared with.
     pub baseline: String,
-    /// Whether its image is right.
+    /// Whether its image passed the gate.
     #[serde(flatten)]
     pub verdict: Verdict,
-    /// Median time of a render; `None` where it does not count or has no run.
+    /// Median time of a render; `None` if it does not count or has no run.
     pub seconds: Option<Estimate>,
     /// Its time over the baseline's; `None` for the baseline itself.
     pub ratio: Option<Ratio>,
-    /// 1 for the shortest time among those that do the same work.
+    /// Rank by time among those that do the same work; 1 is the fastest.
     pub rank: Option<usize>,
-    /// Rounds after which its intervals would be as narrow as asked for, or 3 %, by the square root
-    /// of their number.
+    /// Rounds after which its intervals would be as narrow as asked for, or 3 %, if widths fall with the square root of
+    /// the number of rounds.
     pub rounds_needed: Option<usize>,
-    /// What to distrust.
+    /// Warnings.
     pub warnings: Vec<Warning>,
-    /// The first render, with pipelines and start-up. Its times are in no statistic.
+    /// The first render, with pipelines and start-up. No statistic includes its times.
     pub first: Option<Measurement>,
     /// Work of traversal.
     pub counters: Option<WorkCounters>,
     /// Every timed run.
     #[serde(serialize_with = "bare_runs")]
     pub runs: Vec<Run>,
-    /// The run with the median time, whole: its kernels add up, which the kernels' medians do not.
+    /// The complete run with the median time: its kernels add up, which the kernels' medians do not.
     pub typical: Option<Measurement>,
     /// The image of the first render.
     #[serde(skip)]
@@ -123,15 +123,15 @@ pub struct Run {
 }
 
 /// How many times the baseline's time a combination takes: the median over the rounds of the ratio within a round. Runs
-/// of a round share its noise where there is any to share, and where there is none the interval is as wide as that of
-/// the ratio of the medians.
+/// of a round share its noise, if there is any to share; if there is none, the interval is as wide as that of the ratio
+/// of the medians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ratio {
     /// The ratio; below 1 is faster than the baseline.
     pub estimate: Estimate,
 }
 
-/// What a ratio says of a combination.
+/// What a ratio says about a combination.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RatioVerdict {
     /// The interval is below 1.
@@ -156,7 +156,7 @@ impl RatioVerdict {
     }
 }
 
-/// Something to distrust in a combination's timings.
+/// A reason to distrust a combination's timings.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 #[allow(missing_docs, reason = "the messages say it")]
@@ -175,7 +175,7 @@ pub enum Warning {
 /// A trend of a combination's timings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Drift {
-    /// Spearman's, of time with round: above 0 where it got slower.
+    /// Spearman's rank correlation of time with round: above 0 if it got slower.
     pub rank_correlation: f64,
     /// Two-sided p-value.
     pub p: f64,
@@ -219,7 +219,7 @@ impl fmt::Display for Warning {
     }
 }
 
-/// Rounds for people, who count from 1.
+/// Rounds as people count them, from 1.
 fn numbers(rounds: &[usize]) -> String {
     rounds.iter().map(|round| (round + 1).to_string()).collect::<Vec<_>>().join(", ")
 }
@@ -296,8 +296,7 @@ impl SceneReport {
         position.expect("a full factorial has every combination")
     }
 
-    /// Width of the widest interval, of times and ratios, as a share of its value; infinite before
-    /// the first round.
+    /// Width of the widest interval of times and ratios, as a share of its value; infinite before the first round.
     pub fn widest_interval(&self) -> f64 {
         self.combinations.iter().filter(|c| c.verdict.counts()).map(CombinationReport::width).fold(0.0, f64::max)
     }
@@ -452,40 +451,40 @@ impl CombinationReport {
         }
     }
 
-    /// Clock of the device's processors in the median run, in MHz; `None` where it is not known.
+    /// Clock of the device's processors in the median run, in MHz; `None` if it is not known.
     pub fn megahertz(&self) -> Option<f64> {
         let known: Vec<f64> = self.runs.iter().filter_map(|run| run.measurement.megahertz()).collect();
         (!known.is_empty()).then(|| median(&known))
     }
 
-    /// Rounds whose runs are such.
+    /// Rounds that have such runs.
     fn rounds_where(&self, such: impl Fn(&Run) -> bool) -> Vec<usize> {
         self.runs.iter().filter(|run| such(run)).map(|run| run.round).collect()
     }
 
-    /// Width of its wider interval as a share of the value; infinite where there is none.
+    /// Width of its wider interval as a share of the value; infinite without one.
     fn width(&self) -> f64 {
         let ratio = self.ratio.map_or(0.0, |ratio| ratio.estimate.relative_width());
         self.seconds.map_or(f64::INFINITY, |seconds| seconds.relative_width().max(ratio))
     }
 
-    /// Samples in a second of the median run; `None` where it does not count.
+    /// Samples a second in the median run; `None` if it does not count.
     pub fn samples_per_second(&self) -> Option<f64> {
         Some(self.typical.as_ref()?.samples as f64 / self.seconds?.value)
     }
 
-    /// Rays of all classes in a second of the median run; `None` where it does not count.
+    /// Rays of all classes a second in the median run; `None` if it does not count.
     pub fn rays_per_second(&self) -> Option<f64> {
         Some(self.typical.as_ref()?.rays.total() as f64 / self.seconds?.value)
     }
 
-    /// How long the device had nothing to do before a run, in the median; `None` where it does not tell.
+    /// Median idle time of the device before a run; `None` if it is not known.
     pub fn idle_before_seconds(&self) -> Option<f64> {
         let idle: Vec<f64> = self.runs.iter().filter_map(|run| run.measurement.idle_before_seconds).collect();
         (!idle.is_empty()).then(|| median(&idle))
     }
 
-    /// Path state that the kernels read and wrote in a second of the device's time.
+    /// Path state that the kernels read and wrote per second of the device's time.
     pub fn path_state_bytes_per_second(&self) -> Option<f64> {
         let typical = self.typical.as_ref().filter(|typical| typical.gpu_seconds > 0.0)?;
         Some(typical.path_state_bytes as f64 / typical.gpu_seconds)
@@ -503,7 +502,7 @@ impl Run {
 }
 
 impl Ratio {
-    /// The ratio of the runs' times to the baseline's; `None` where they have no round in common.
+    /// The ratio of the runs' times to the baseline's; `None` if they have no round in common.
     pub fn of(runs: &[Run], baseline: &[Run], clock: Clock) -> Option<Self> {
         let ratios: Vec<f64> = in_rounds(runs, baseline, clock).map(|(time, base)| time / base).collect();
         (!ratios.is_empty()).then(|| Self { estimate: Estimate::of_median(&ratios) })
@@ -541,7 +540,7 @@ fn factors<S: Serializer>(factors: &[(&'static str, Vec<String>)], serializer: S
     serializer.collect_map(factors.iter().map(|(name, levels)| (name, levels)))
 }
 
-/// Runs as rows of numbers: their kernels and bounces would fill the file with what `typical` has.
+/// Runs as rows of numbers: with their kernels and bounces the file would repeat what `typical` has.
 fn bare_runs<S: Serializer>(runs: &[Run], serializer: S) -> Result<S::Ok, S::Error> {
     #[derive(Serialize)]
     struct Row<'a> {

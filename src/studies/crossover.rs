@@ -15,7 +15,7 @@ pub struct Crossover {
     pub b: String,
     /// The measured costs, ascending.
     pub points: Vec<CrossoverPoint>,
-    /// Where the faster one changes, ascending; empty where one is faster throughout.
+    /// Where the faster one changes, ascending; empty if one is faster throughout.
     pub crossings: Vec<Crossing>,
 }
 
@@ -33,12 +33,12 @@ pub struct CrossoverPoint {
 /// A cost at which both take the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Crossing {
-    /// The cost. Its interval is where neither is surely faster; `None` where a cost was measured in too few rounds.
+    /// The cost. In its interval neither is significantly faster; `None` if a cost was measured in too few rounds.
     pub cost: Estimate,
     /// Which one is faster beyond.
     pub direction: CrossingDirection,
-    /// Whether one is surely faster before the interval and the other beyond it. Else the interval ends with what was
-    /// measured, and it is not certain that there is a crossing at all.
+    /// Whether one is significantly faster before the interval and the other beyond it. Otherwise the interval ends
+    /// with the measured range, and there may be no crossing at all.
     pub certain: bool,
 }
 
@@ -52,16 +52,17 @@ pub enum CrossingDirection {
     BFasterBeyond,
 }
 
-/// Finds where the times of two combinations cross over ascending costs, by their differences, the first's time less the
-/// second's, of every round at each cost.
+/// Finds where the times of two combinations cross over ascending costs, by their differences, the first's time minus
+/// the second's, in every round at each cost.
 ///
-/// Between two costs the median difference is taken to be linear in the cost, which it is where both times are: added work
-/// takes its time each time. So are the ends of its interval, and the crossing is somewhere where that contains 0.
+/// Between two costs the median difference is interpolated linearly in the cost, which is right if both times are
+/// linear: added work always takes the same time. The ends of its interval are interpolated too, and the crossing lies
+/// where that interval contains 0.
 pub fn find_crossings(costs: &[f64], differences: &[Vec<f64>]) -> Vec<Crossing> {
     let medians: Vec<Estimate> = differences.iter().map(|differences| Estimate::of_median(differences)).collect();
     let mut crossings = Vec::new();
     let mut before: Option<usize> = None;
-    // Where the times are equal at a measured cost, the crossing is between the costs around it.
+    // If the times are equal at a measured cost, the crossing is between the costs around it.
     for i in (0..costs.len()).filter(|i| medians[*i].value != 0.0) {
         if let Some(before) = before
             && (medians[before].value < 0.0) != (medians[i].value < 0.0)
@@ -73,9 +74,9 @@ pub fn find_crossings(costs: &[f64], differences: &[Vec<f64>]) -> Vec<Crossing> 
     crossings
 }
 
-/// The crossing between two costs, given by their places.
+/// The crossing between two costs, given by their indices.
 fn crossing_between(costs: &[f64], medians: &[Estimate], before: usize, after: usize) -> Crossing {
-    // Turned so that the difference rises.
+    // With a sign for which the difference rises.
     let falls = medians[after].value < 0.0;
     let sign = if falls { -1.0 } else { 1.0 };
     let value = |i: usize| (costs[i], sign * medians[i].value);

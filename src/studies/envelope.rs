@@ -6,14 +6,14 @@ use serde::Serialize;
 /// How many standard errors a mean may be off by chance. Some tens of means are judged at once.
 const CHANCE: f64 = 4.5;
 
-/// All that was tried.
+/// Everything that was tried.
 #[derive(Debug, Clone, Serialize)]
 pub struct Envelope {
     /// How much of it was done: `quick`, `standard` or `thorough`.
     pub level: String,
     /// What was driven to its limits.
     pub limits: Vec<Limit>,
-    /// False where the study was broken off.
+    /// False if the study was interrupted.
     pub complete: bool,
 }
 
@@ -26,41 +26,41 @@ pub struct Limit {
     pub driven: &'static str,
     /// How `measured` is defined, and against what.
     pub measure: &'static str,
-    /// Largest `measured` that is right, but for chance.
+    /// Largest `measured` that is right, apart from chance.
     pub allowed: f64,
-    /// What is to be known of the limit; empty where there is none.
+    /// A note on the limit; may be empty.
     pub remark: &'static str,
-    /// What this level did less of than the thorough one; empty where nothing.
+    /// What this level left out compared with the thorough one; empty if nothing.
     pub reduced: &'static str,
-    /// From the tame to the extreme.
+    /// From the ordinary to the extreme.
     pub trials: Vec<Trial>,
     /// Time that its trials took.
     pub seconds: f64,
 }
 
-/// One setting of what is driven.
+/// One value of the parameter that is driven.
 #[derive(Debug, Clone, Serialize)]
 pub struct Trial {
     /// The setting, for people.
     pub setting: String,
-    /// Whether the renderer promises to hold here. The others look for the place where it fails.
+    /// Whether the renderer promises to hold here. The others look for the point where it fails.
     pub required: bool,
     /// Error or rate of defects.
     pub measured: f64,
-    /// Standard error of `measured`; 0 where it is no mean over random samples.
+    /// Standard error of `measured`; 0 if it is not a mean over random samples.
     pub standard_error: f64,
     /// Samples or rays that were looked at.
     pub checked: u64,
     /// Samples that were NaN or infinite.
     pub nonfinite_samples: u64,
-    /// Why it did not run; empty where it did.
+    /// Why it did not run; empty if it did.
     pub failure: String,
 }
 
 impl Trial {
     /// Whether the answer was right.
     pub fn holds(&self, allowed: f64) -> bool {
-        // A NaN is never at most anything.
+        // A comparison with NaN is false.
         let within = self.measured <= allowed + CHANCE * self.standard_error;
         within && self.nonfinite_samples == 0 && self.failure.is_empty()
     }
@@ -82,7 +82,7 @@ impl Limit {
         self.trials.iter().take_while(|trial| trial.holds(self.allowed)).last()
     }
 
-    /// The worst of what was promised.
+    /// The largest error among promised settings.
     pub fn worst(&self) -> Option<&Trial> {
         self.trials.iter().filter(|trial| trial.required).max_by(|a, b| a.measured.total_cmp(&b.measured))
     }

@@ -10,7 +10,7 @@ use crate::settings::{Role, Setting, Settings, Values, parse_count};
 /// Most combinations of a study. Each is rendered dozens of times.
 pub const MAX_COMBINATIONS: usize = 4096;
 
-/// The names of all settings that a study can vary, for messages: what leaves the image as it is first.
+/// The names of all settings that a study can vary, for messages: those that leave the image as it is come first.
 pub(super) fn names() -> String {
     let of = |role| Setting::factors().filter(move |setting| setting.role == role).map(|setting| setting.flag);
     [Role::Schedule, Role::Estimator, Role::Workload].into_iter().flat_map(of).collect::<Vec<_>>().join(", ")
@@ -21,13 +21,13 @@ pub(super) fn names() -> String {
 pub struct Factor {
     /// The setting.
     pub setting: &'static Setting,
-    /// Its levels as the user wrote them, at least one, no two alike.
+    /// Its levels as the user wrote them, at least one, all different.
     pub levels: Vec<String>,
 }
 
 impl Factor {
-    /// Reads factors, each `name` or `name=level,level,…`, with commas between them. A part that is
-    /// no factor's name is one more level of the factor before it.
+    /// Reads factors, each `name` or `name=level,level,…`, with commas between them. A part that is not a factor's name
+    /// is another level of the factor before it.
     ///
     /// # Errors
     /// An unknown factor, a level that it does not take, a level named twice.
@@ -69,7 +69,7 @@ impl Factor {
     }
 }
 
-/// Refuses what is no value of the setting.
+/// Refuses a text that is not a value of the setting.
 fn check(setting: &Setting, level: &str) -> Result<(), StudyError> {
     let mut settings = Settings::default();
     let fits = setting.set(&mut settings, level).is_ok() && settings.validate().is_ok();
@@ -82,17 +82,17 @@ fn check(setting: &Setting, level: &str) -> Result<(), StudyError> {
 pub struct Configuration(Vec<(&'static str, String)>);
 
 impl Configuration {
-    /// The level of a factor; `None` where it is not varied.
+    /// The level of a factor; `None` if it is not varied.
     pub fn level(&self, factor: &str) -> Option<&str> {
         self.iter().find(|&(name, _)| name == factor).map(|(_, level)| level)
     }
 
-    /// The level of a factor that is a count; `None` where it is not varied or has a name.
+    /// The level of a factor that is a count; `None` if it is not varied or its level is a name.
     pub fn count(&self, factor: &str) -> Option<u64> {
         parse_count(self.level(factor)?)
     }
 
-    /// This configuration with a factor at that level, in its place or at the end.
+    /// This configuration with a factor at that level, replaced in place or appended.
     #[must_use]
     pub fn with(&self, factor: &'static str, level: &str) -> Self {
         let mut with = self.clone();
@@ -103,10 +103,10 @@ impl Configuration {
         with
     }
 
-    /// Settings with the levels in place of what they have.
+    /// Settings with the levels in place of their own values.
     ///
     /// # Errors
-    /// Says which level is no value of its setting, or why the settings make no sense together.
+    /// Says which level is not a value of its setting, or why the settings contradict each other.
     pub fn of(&self, mut base: Settings) -> Result<Settings, String> {
         for (factor, level) in self.iter() {
             let setting = Setting::of(factor).ok_or_else(|| format!("{factor} is no setting"))?;
@@ -145,8 +145,7 @@ impl Serialize for Configuration {
     }
 }
 
-/// A full factorial: every combination of the levels, and the one that the others are measured
-/// against.
+/// A full factorial design: every combination of the levels, and the baseline that the others are compared with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Design {
     factors: Vec<Factor>,
@@ -158,7 +157,7 @@ impl Design {
     /// have their first level there.
     ///
     /// # Errors
-    /// A factor that stands twice, a baseline that is no combination, too many combinations.
+    /// A factor that is given twice, a baseline that is not a combination, too many combinations.
     pub fn new(factors: Vec<Factor>, baseline: Option<&str>) -> Result<Self, StudyError> {
         for (i, factor) in factors.iter().enumerate() {
             if factors[..i].iter().any(|before| before.setting == factor.setting) {
@@ -195,7 +194,7 @@ impl Design {
         &self.factors
     }
 
-    /// The combination that stands for all settings before any change.
+    /// The combination that has all settings before any change.
     pub fn baseline(&self) -> &Configuration {
         &self.baseline
     }
@@ -223,7 +222,7 @@ impl Design {
         base
     }
 
-    /// How alike the pictures of a combination and of its baseline must be.
+    /// How close the images of a combination and of its baseline must be.
     pub fn contract(&self, configuration: &Configuration) -> Contract {
         let base = self.baseline_of(configuration);
         let estimator =
@@ -231,7 +230,7 @@ impl Design {
         if self.factors.iter().enumerate().any(estimator) { Contract::Statistics } else { Contract::Bits }
     }
 
-    /// What tells this combination from the others: the levels of factors that have several.
+    /// What distinguishes this combination from the others: the levels of factors that have several.
     pub fn label(&self, configuration: &Configuration) -> String {
         self.label_without(configuration, "")
     }
@@ -241,7 +240,7 @@ impl Design {
         let parts: Vec<_> = (self.factors.iter().zip(configuration.iter()))
             .filter(|(factor, (name, _))| factor.levels.len() > 1 && *name != left_out)
             .map(|(factor, (name, level))| match factor.setting.values {
-                // Of the others a level says nothing by itself.
+                // For the others a level says nothing without its factor.
                 Values::RayClasses => level.to_owned(),
                 Values::Names(_) if !factor.setting.names().contains(&"none") => level.to_owned(),
                 _ => format!("{name} {level}"),

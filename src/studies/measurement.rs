@@ -12,17 +12,17 @@ use crate::image::Image;
 use crate::settings::Settings;
 use crate::stats::mean;
 
-/// What a render is for. The settings of the picture are the same in all of them.
+/// What a render is for. The settings of the image are the same in all of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
-    /// The first render of this scene and configuration: builds what it needs, reports
-    /// [`Measurement::settings`], [`Measurement::pipelines`], [`Measurement::compiled_kernels`] and the time of
-    /// start-up, and hands over the image. Its times are reported apart and enter no statistic.
+    /// The first render of this scene and configuration: builds what it needs, reports [`Measurement::settings`],
+    /// [`Measurement::pipelines`], [`Measurement::compiled_kernels`] and the time of start-up, and hands over the
+    /// image. Its times are reported separately and enter no statistic.
     First,
-    /// A render that is timed. Whatever the first one has built is kept.
+    /// A timed render. Everything that the first one built is kept.
     Timed,
-    /// A render that is timed, by the random numbers of that seed, and hands over its image. It needs no
-    /// first render, and what it builds is in no time.
+    /// A timed render with that seed, which hands over its image. It needs no first render, and no time includes what
+    /// it builds.
     Seeded(u32),
     /// A render with kernels that count their work. Its times are thrown away. A renderer that
     /// cannot count may return an empty measurement.
@@ -31,18 +31,17 @@ pub enum Purpose {
 
 /// What renders for a study: the GPU, or a fake one in tests.
 pub trait Renderer {
-    /// Makes a scene, a path or a name as the user gave it, the one that [`Renderer::run`] renders,
-    /// and forgets the one before.
+    /// Opens a scene, a path or a name as the user gave it, for [`Renderer::run`] to render, and closes the one before.
     ///
     /// # Errors
-    /// A scene that cannot be read or does not fit. It ends the study.
+    /// A scene that cannot be read or does not fit. This ends the study.
     fn open(&mut self, scene: &str) -> Result<SceneFacts, Box<dyn Error + Send + Sync>>;
 
     /// Renders the open scene once, every sample of it.
     ///
     /// # Errors
-    /// A configuration that this device cannot run. The study goes on without that configuration,
-    /// unless the others are measured against it.
+    /// A configuration that this device cannot run. The study goes on without that configuration, unless the others are
+    /// compared with it.
     fn run(
         &mut self,
         configuration: &Configuration,
@@ -50,7 +49,7 @@ pub trait Renderer {
     ) -> Result<Measurement, Box<dyn Error + Send + Sync>>;
 }
 
-/// What a scene is, for the record.
+/// A scene, for the record.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct SceneFacts {
     /// Name for tables and plots.
@@ -63,7 +62,7 @@ pub struct SceneFacts {
     pub height_pixels: u32,
     /// Samples of each pixel in one render.
     pub samples_per_pixel: u32,
-    /// What it is rendered with before a configuration changes it, as it was asked for.
+    /// The settings as they were asked for, before a configuration changes them.
     #[serde(skip)]
     pub settings: Settings,
     /// Triangles of the scene.
@@ -72,7 +71,7 @@ pub struct SceneFacts {
     pub bvh_nodes: u64,
 }
 
-/// Where and with what a study was made, for the record.
+/// Where and how a study was made, for the record.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
     /// Version of raywave.
@@ -93,9 +92,9 @@ pub struct Provenance {
     pub subgroup_size_lanes: u32,
     /// Version of the compiler that built raywave.
     pub rustc_version: String,
-    /// The processor, where it is the device and the system tells.
+    /// The processor, if it is the device and the system reports it.
     pub cpu: Option<Cpu>,
-    /// Clocks and power limits, where the user told them.
+    /// Clocks and power limits, if the user gave them.
     pub clocks: Option<String>,
     /// Settings that all configurations share, snake_case keys with the unit in the name.
     pub settings: Map<String, Value>,
@@ -108,7 +107,7 @@ pub struct Cpu {
     pub model: String,
     /// Logical processors that this process may use.
     pub logical_processors: usize,
-    /// The fastest one's clock when the study began, where the system tells.
+    /// The fastest one's clock when the study began, if the system reports it.
     pub megahertz: Option<f64>,
 }
 
@@ -124,16 +123,15 @@ impl fmt::Display for Cpu {
 pub struct Measurement {
     /// From the first submission to the last result, on the host's clock.
     pub wall_seconds: f64,
-    /// Inside command buffers, on the device's clock; 0 where the device has none.
+    /// Inside command buffers, on the device's clock; 0 if the device has none.
     pub gpu_seconds: f64,
-    /// How long the device had nothing to do between command buffers of this render, on its own clock; `None` where
-    /// it has none.
+    /// Idle time of the device between command buffers of this render, on its own clock; `None` if it has none.
     pub idle_seconds: Option<f64>,
-    /// As [`Measurement::idle_seconds`], from the end of what it did before to the start of this render.
+    /// As [`Measurement::idle_seconds`], from the end of its previous work to the start of this render.
     pub idle_before_seconds: Option<f64>,
-    /// How the device was warmed up for this render; `None` where it had just been at work.
+    /// How the device was warmed up for this render; `None` if it had just been busy.
     pub warm_up: Option<WarmUpRow>,
-    /// Clocks, power and temperature of the device before; `None` where nothing tells of them.
+    /// Clocks, power and temperature of the device before; `None` if nothing reports them.
     pub clocks_before: Option<ClockState>,
     /// And after.
     pub clocks_after: Option<ClockState>,
@@ -147,38 +145,38 @@ pub struct Measurement {
     pub kernels: Vec<KernelRow>,
     /// Each kernel of each bounce.
     pub bounces: Vec<BounceRow>,
-    /// Every setting, with those that the renderer chose: snake_case keys with the unit in the name;
-    /// of the first render alone.
+    /// Every setting, including those that the renderer chose: snake_case keys with the unit in the name; only of the
+    /// first render.
     pub settings: Map<String, Value>,
-    /// Compile time of each pipeline; of the first render alone.
+    /// Compile time of each pipeline; only of the first render.
     pub pipelines: Vec<PipelineBuild>,
-    /// What the compiler made of each kernel, in the order of [`Measurement::kernels`]; of the first render alone.
+    /// What the compiler made of each kernel, in the order of [`Measurement::kernels`]; only of the first render.
     pub compiled_kernels: Vec<CompiledKernelRow>,
-    /// From the start of a process to the end of its first sample of every pixel, by this
-    /// configuration and without any cache of compiled kernels: the median of several processes. Of
-    /// the first render alone; `None` where that was not tried.
+    /// From the start of a process to the end of its first sample of every pixel, with this configuration and without
+    /// any cache of compiled kernels: the median of several processes. Only of the first render; `None` if that was not
+    /// tried.
     pub cold_start_up_seconds: Option<f64>,
-    /// As [`Measurement::cold_start_up_seconds`], with every cache filled by a process before.
+    /// As [`Measurement::cold_start_up_seconds`], with every cache filled by an earlier process.
     pub cached_start_up_seconds: Option<f64>,
     /// Device memory.
     pub memory_bytes: u64,
-    /// Path state read and written by all kernels, by the sizes of the records and the items of
-    /// the queues. What a cache saves is not known.
+    /// Path state read and written by all kernels, by the sizes of the records and the items of the queues. What caches
+    /// save is not known.
     pub path_state_bytes: u64,
-    /// Work of traversal; of the counting render alone.
+    /// Work of traversal; only of the counting render.
     pub counters: Option<WorkCounters>,
-    /// The image. The first render must have it; where another render has one, it is checked too.
+    /// The image. The first render must have it; if another render has one, it is checked too.
     #[serde(skip)]
     pub image: Option<Image>,
 }
 
 impl Measurement {
-    /// Time that it took, with what was thrown away to warm the device up.
+    /// Time that it took, including the warm-up of the device.
     pub fn seconds_spent(&self) -> f64 {
         self.wall_seconds + self.warm_up.map_or(0.0, |warm_up| warm_up.seconds)
     }
 
-    /// Clock of the device's processors, the mean of before and after, in MHz; `None` where neither is known.
+    /// Clock of the device's processors, the mean of before and after, in MHz; `None` if neither is known.
     pub fn megahertz(&self) -> Option<f64> {
         let known: Vec<f64> = [&self.clocks_before, &self.clocks_after]
             .into_iter()
@@ -187,8 +185,8 @@ impl Measurement {
         (!known.is_empty()).then(|| mean(&known))
     }
 
-    /// Compile time of all pipelines, one after the other, with cold or with filled caches; `None`
-    /// where that was not tried.
+    /// Compile time of all pipelines, one after the other, with cold or with filled caches; `None` if that was not
+    /// tried.
     pub fn pipeline_seconds(&self, cached: bool) -> Option<f64> {
         let seconds = |build: &PipelineBuild| if cached { build.cached_seconds } else { build.cold_seconds };
         let known: Vec<f64> = self.pipelines.iter().filter_map(seconds).collect();
@@ -201,8 +199,8 @@ impl Measurement {
 pub struct WarmUpRow {
     /// Seconds of it.
     pub seconds: f64,
-    /// Whether two windows of it in succession agreed within 1 % before the time was up; `None` where there was time for
-    /// one alone.
+    /// Whether two successive windows of it agreed within 1 % before the time was up; `None` if there was time for only
+    /// one.
     pub steady: Option<bool>,
 }
 
@@ -244,32 +242,32 @@ pub struct BounceRow {
     pub kernel: String,
     /// Time between its timestamps.
     pub gpu_seconds: f64,
-    /// Items in the queue that it worked through.
+    /// Items in the queue that it processed.
     pub items: u64,
 }
 
-/// How long a pipeline took to build: to be made, and to be launched once without any work, which
-/// is when some drivers compile it. Medians of several processes.
+/// How long a pipeline took to build: its creation, and one launch without any work, which is when some drivers compile
+/// it. Medians of several processes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct PipelineBuild {
     /// The kernel's name.
     pub kernel: String,
-    /// Without any cache; `None` where that was not tried.
+    /// Without any cache; `None` if that was not tried.
     pub cold_seconds: Option<f64>,
-    /// With every cache filled; `None` where that was not tried.
+    /// With every cache filled; `None` if that was not tried.
     pub cached_seconds: Option<f64>,
 }
 
-/// What the compiler made of a kernel, in a pipeline of its own that nothing runs.
+/// What the compiler made of a kernel, in a separate pipeline that never runs.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct CompiledKernelRow {
     /// The kernel's name.
     pub kernel: String,
     /// Instructions of its specialised SPIR-V that can run.
     pub spirv_instructions: u64,
-    /// What the driver made of that; `None` where it does not tell.
+    /// What the driver made of it; `None` if it does not say.
     pub executables: Option<Vec<ExecutableRow>>,
-    /// Share of a multiprocessor's warps that its registers leave room for, in [0, 1]; `None` where the device's limits
+    /// Occupancy that its registers allow: share of a multiprocessor's warps, in [0, 1]; `None` if the device's limits
     /// or the kernel's registers are not known.
     pub occupancy_by_registers: Option<f64>,
 }
@@ -281,25 +279,25 @@ pub struct ExecutableRow {
     pub name: String,
     /// Lanes of a subgroup.
     pub subgroup_size_lanes: u32,
-    /// What the driver counts, in its order: registers, memory, size of the code.
+    /// The driver's statistics, in its order: registers, memory, size of the code.
     pub figures: Vec<FigureRow>,
 }
 
-/// A number that a driver tells of an executable.
+/// A statistic that a driver reports for an executable.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct FigureRow {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// What it is.
+    /// Its description.
     pub description: String,
     /// A number, or whether something is so.
     pub value: Value,
 }
 
-/// Work of a render, counted by kernels of their own.
+/// Work of a render, counted by kernels of the counting edition.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct WorkCounters {
-    /// By bounce, then by stage; those without items are left out.
+    /// By bounce, then by stage; stages without items are left out.
     pub stages: Vec<StageWork>,
 }
 
@@ -316,8 +314,8 @@ pub struct StageWork {
     pub nodes_visited: u64,
     /// Triangles that they were tested against.
     pub triangles_tested: u64,
-    /// Lanes that subgroups had for their node visits, triangle tests and shadings, at work or not;
-    /// 0 where the device cannot tell.
+    /// Lanes that subgroups had for their node visits, triangle tests and shadings, active or not; 0 if the device
+    /// cannot count them.
     pub lane_steps: u64,
 }
 
@@ -331,7 +329,7 @@ impl StageWork {
         if self.is_tracing() { self.nodes_visited + self.triangles_tested } else { self.items }
     }
 
-    /// Share of lanes at work, in [0, 1], where the device can tell.
+    /// Share of active lanes (SIMD utilisation), in [0, 1], if the device can count them.
     pub fn active_lane_share(&self) -> Option<f64> {
         share(self.active_lane_steps(), self.lane_steps)
     }
@@ -357,7 +355,7 @@ impl WorkCounters {
         self.per_ray(|stage| stage.triangles_tested)
     }
 
-    /// Share of lanes at work over all stages, in [0, 1], where the device can tell.
+    /// Share of active lanes over all stages, in [0, 1], if the device can count them.
     pub fn active_lane_share(&self) -> Option<f64> {
         let sum = |of: fn(&StageWork) -> u64| self.stages.iter().map(of).sum::<u64>();
         share(sum(StageWork::active_lane_steps), sum(|stage| stage.lane_steps))

@@ -1,9 +1,8 @@
 //! Studies: which setting is faster, by how much, and how sure that is.
 //!
-//! This room owns the design of an experiment ([`Design`]), its conduct ([`Study::run`]) and its
-//! analysis ([`Report`]). It measures whatever stands behind the [`Renderer`] trait and knows
-//! nothing of the GPU, so that all of it is tested without one. It never prints and writes no
-//! file: a caller follows it through [`Event`]s.
+//! This room owns the design of an experiment ([`Design`]), its conduct ([`Study::run`]) and its analysis ([`Report`]).
+//! It measures any implementation of the [`Renderer`] trait and knows nothing of the GPU, so that all of it is tested
+//! without one. It never prints and writes no files: a caller follows it through [`Event`]s.
 
 mod analysis;
 mod crossover;

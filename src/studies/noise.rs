@@ -7,15 +7,15 @@ use crate::stats::{Moments, SplitMix64, mean, median};
 /// Source: Iglewicz and Hoaglin, "How to Detect and Handle Outliers" (1993), section 3.2.
 const OUTLIER_Z: f64 = 3.5;
 
-/// Orders drawn to find the p-value of a trend; the smallest p is one in this many and one.
+/// Permutations drawn to find the p-value of a trend; the smallest p is 1 / (this number + 1).
 const PERMUTATIONS: usize = 9_999;
 
 /// How far each value is from the median, in units that are standard deviations if the values are
 /// normal, and that outliers cannot stretch: 0.6745 (x - median) / MAD, MAD being the median of
 /// |x - median|.
 ///
-/// Where more than half of the values are equal MAD is 0 and the mean of |x - median| stands in,
-/// scaled alike; where all are equal every z is 0.
+/// If more than half of the values are equal MAD is 0 and the mean of |x - median| replaces it, scaled alike; if all
+/// are equal every z is 0.
 ///
 /// Source: Iglewicz and Hoaglin (1993), section 3.2.
 pub fn modified_z_scores(values: &[f64]) -> Vec<f64> {
@@ -32,8 +32,8 @@ pub fn outliers(values: &[f64]) -> Vec<usize> {
     (0..values.len()).filter(|&i| scores[i].abs() > OUTLIER_Z).collect()
 }
 
-/// Spearman's rank correlation of two lists of one length, in [-1, 1]; NaN where either has fewer
-/// than two different values. Equal values share the mean of their ranks.
+/// Spearman's rank correlation of two lists of one length, in [-1, 1]; NaN if either has fewer than two different
+/// values. Equal values share the mean of their ranks.
 pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     correlation(&ranks(a), &ranks(b))
 }
@@ -41,9 +41,8 @@ pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
 /// Whether values rise or fall with their position: Spearman's rank correlation with it, and the
 /// two-sided p-value of such a correlation or a stronger one if their order were by chance.
 ///
-/// The p-value is by random permutation (seeded, so it can be repeated) and holds for any
-/// distribution and any number of values; of fewer than six it is never below 0.01. It is 1 where
-/// there is no correlation to speak of.
+/// The p-value is by random permutation (seeded, so it can be repeated) and holds for any distribution and any number
+/// of values; with fewer than six it is never below 0.01. It is 1 if there is no correlation.
 pub fn trend(values: &[f64]) -> (f64, f64) {
     let positions: Vec<f64> = (0..values.len()).map(|i| i as f64).collect();
     let mut ranks = ranks(values);
@@ -52,7 +51,7 @@ pub fn trend(values: &[f64]) -> (f64, f64) {
         return (observed, 1.0);
     }
     let mut random = SplitMix64::new(0);
-    // A permutation of the same ranks counts as equal in spite of rounding.
+    // A permutation of the same ranks counts as equal despite rounding.
     let bar = observed.abs() - 1e-12;
     let as_strong = (0..PERMUTATIONS)
         .filter(|_| {

@@ -1,4 +1,4 @@
-//! How a study is carried out: first renders, the gate, then rounds in random order.
+//! How a study runs: first renders, the gate, then rounds in random order.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -13,20 +13,20 @@ use super::{Configuration, Design, StudyError};
 use crate::image::Image;
 use crate::stats::SplitMix64;
 
-/// The share of rounds, as 1 in so many, that may pass before they are analysed anew: the device waits for that.
+/// Results are analysed again only after 1/N more rounds, since the device waits for the analysis.
 const ROUNDS_PER_ANALYSIS: usize = 8;
 
 /// How often everything is repeated.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rounds {
-    /// Rounds in any case, at least 1. A 95 % interval of a median needs six.
+    /// Minimum number of rounds, at least 1. A 95 % interval of a median needs six.
     pub min: usize,
-    /// Rounds at most.
+    /// Maximum number of rounds.
     pub max: usize,
     /// Stop between the two as soon as every interval is narrower than this share of its value.
     ///
-    /// An interval that ended the study by being narrow is a little too narrow on average: it
-    /// was waited for.
+    /// An interval that ended the study by being narrow is a little too narrow on average, since the study waited for
+    /// it.
     pub until: Option<f64>,
 }
 
@@ -57,23 +57,22 @@ pub enum Event<'a> {
     Rendering { scene: &'a str, label: &'a str, purpose: Purpose, round: Option<usize> },
     /// A render has ended.
     Rendered { scene: &'a str, label: &'a str, purpose: Purpose, measurement: &'a Measurement },
-    /// The gate has spoken.
+    /// The gate has judged an image.
     Judged { scene: &'a str, label: &'a str, verdict: &'a Verdict },
     /// The report has changed: worth writing down, in case there is no next one. At first after every round, then after
-    /// every eighth part more.
+    /// every eighth more.
     Updated { report: &'a Report },
 }
 
-/// Hears of events and says whether to go on.
+/// Receives events and says whether to go on.
 pub type Listener<'a> = dyn FnMut(Event<'_>) -> ControlFlow<()> + 'a;
 
 impl Study {
-    /// Carries the study out. When `listen` breaks, the study ends there, and the report holds what
-    /// there is.
+    /// Runs the study. When `listen` breaks, the study ends there, and the report holds the results so far.
     ///
     /// # Errors
-    /// A scene that does not open, or a baseline that cannot be rendered. What was measured until
-    /// then was in the latest [`Event::Updated`].
+    /// A scene that does not open, or a baseline that cannot be rendered. The latest [`Event::Updated`] had the results
+    /// so far.
     pub fn run(&self, renderer: &mut dyn Renderer, listen: &mut Listener<'_>) -> Result<Report, StudyError> {
         let mut report = Report::new(self);
         let mut random = SplitMix64::new(self.seed);
@@ -100,7 +99,7 @@ impl Study {
         let index = report.scenes.len() - 1;
         let mut progress = listen(Event::Opened { report: &report.scenes[index] });
 
-        // Baselines come first: the others are held against their images.
+        // Baselines come first: the others are compared with their images.
         let (baselines, others): (Vec<usize>, Vec<usize>) =
             (0..report.scenes[index].combinations.len()).partition(|&i| report.scenes[index].is_baseline(i));
         for i in baselines.into_iter().chain(others) {
@@ -189,7 +188,7 @@ impl Study {
         Ok(if progress.is_break() { progress } else { heard })
     }
 
-    /// Renders every combination that counts once, in an order of its own.
+    /// Renders every combination that counts once, in a new random order.
     fn round(
         &self,
         round: usize,
@@ -234,7 +233,7 @@ impl Study {
         done < min || (done < max && until.is_some_and(|share| scene.widest_interval() > share))
     }
 
-    /// Notes that a combination does not render.
+    /// Notes that a combination cannot be rendered.
     fn failed(&self, i: usize, scene: &mut SceneReport, cause: &str) -> Result<(), StudyError> {
         if scene.is_baseline(i) {
             let configuration: &Configuration = &scene.combinations[i].configuration;
@@ -249,8 +248,8 @@ impl Study {
     }
 }
 
-/// Holds a later image of a combination against its first one, to the last bit: a rerun changes
-/// nothing that any contract leaves open.
+/// Compares a later image of a combination with its first one, to the last bit: a rerun changes nothing that any
+/// contract leaves open.
 fn recheck(combination: &mut CombinationReport, image: Option<Image>, reason: &str) {
     let (Some(image), Some(first)) = (image, &combination.image) else { return };
     if let Verdict::Wrong { comparison, .. } = judge(super::Contract::Bits, &image, first) {

@@ -1,18 +1,18 @@
-//! The gate before the speeds: a combination counts only if its picture is right.
+//! The gate before the speeds: a combination counts only if its image is right.
 
 use serde::Serialize;
 
 use crate::image::Image;
 use crate::stats::{Differences, ImageComparison, compare_images, sidak_adjusted};
 
-/// Probability with which a right picture is called wrong where the contract is statistical.
+/// Probability with which a right image is rejected if the contract is statistical.
 const FALSE_ALARM: f64 = 1e-3;
 
-/// Difference of two means, as a share of them, that rounding in f32 explains. Pictures of the same
-/// random numbers differ by so little that their noise alone would not excuse it.
+/// Difference of two means, as a share of them, that rounding in f32 explains. Images of the same random numbers have
+/// so little noise between them that it would not excuse rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// How alike two pictures must be.
+/// How close two images must be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Contract {
@@ -22,7 +22,7 @@ pub enum Contract {
     Statistics,
 }
 
-/// What the gate says of a combination.
+/// The gate's verdict on a combination.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "verdict", rename_all = "snake_case")]
 pub enum Verdict {
@@ -30,18 +30,18 @@ pub enum Verdict {
     Pending,
     /// The combination that others are compared with.
     Baseline,
-    /// The baseline's picture to the last bit.
+    /// The baseline's image to the last bit.
     Identical,
-    /// The baseline's picture up to noise, which is what its contract asks.
+    /// The baseline's image up to noise, which is what its contract asks.
     Agrees {
         /// How they differ.
         comparison: Box<ImageComparison>,
     },
-    /// Another picture. Its speed means nothing and is not reported.
+    /// Another image. Its speed means nothing and is not reported.
     Wrong {
         /// What is wrong, in a sentence without a full stop.
         reason: String,
-        /// How the pictures differ, where they can be compared.
+        /// How the images differ, if they can be compared.
         comparison: Option<Box<ImageComparison>>,
     },
     /// It could not be rendered.
@@ -82,7 +82,7 @@ impl Verdict {
         }
     }
 
-    /// How its picture differs from the baseline's, where it does.
+    /// How its image differs from the baseline's, if it does.
     pub fn comparison(&self) -> Option<&ImageComparison> {
         match self {
             Self::Agrees { comparison } | Self::Wrong { comparison: Some(comparison), .. } => Some(comparison),
@@ -93,7 +93,7 @@ impl Verdict {
 
 /// Compares a combination's image with its baseline's.
 pub fn judge(contract: Contract, image: &Image, baseline: &Image) -> Verdict {
-    // Nearly all are, and it is found out at once.
+    // Nearly all images are identical, and this comparison is fast.
     if image.is_identical(baseline) {
         return Verdict::Identical;
     }
@@ -117,7 +117,7 @@ pub fn judge(contract: Contract, image: &Image, baseline: &Image) -> Verdict {
     }
 }
 
-/// What noise does not explain, if there is such a thing.
+/// A difference that noise does not explain, if there is one.
 fn biased(comparison: &ImageComparison) -> Option<String> {
     let unusable = |n: crate::stats::NonFinite| n.nan_count + n.inf_count;
     if unusable(comparison.non_finite_a) > unusable(comparison.non_finite_b) {

@@ -6,14 +6,14 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value, json};
 
-/// A row of the trace: what stands on it does not overlap.
+/// A row of the trace, whose spans do not overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Track {
     process: usize,
     thread: usize,
 }
 
-/// What was done when.
+/// What happened when.
 #[derive(Debug)]
 pub struct Trace {
     origin: Instant,
@@ -44,7 +44,7 @@ impl Trace {
         Self { origin, processes: Vec::new(), events: Vec::new(), notes: Map::new() }
     }
 
-    /// The track of that name in the process of that name; made where it is new.
+    /// The track of that name in the process of that name, which is added if it is new.
     pub fn track(&mut self, process: &str, name: &str) -> Track {
         let place = self.processes.iter().position(|(known, _)| known == process).unwrap_or_else(|| {
             self.processes.push((process.to_owned(), Vec::new()));
@@ -58,7 +58,7 @@ impl Trace {
         Track { process: place, thread }
     }
 
-    /// Adds what took from `start` to `end`. What was before the origin begins there.
+    /// Adds a span from `start` to `end`. A span that began before the origin is cut there.
     pub fn span(
         &mut self,
         track: Track,
@@ -72,13 +72,13 @@ impl Trace {
         self.events.push(Event { at, track, name: name.into(), kind: Kind::Span { category, duration, arguments } });
     }
 
-    /// Adds what was counted at a time, in the process of a track.
+    /// Adds the value of a counter at a time, in the process of a track.
     pub fn counters(&mut self, track: Track, name: impl Into<String>, at: Instant, values: Vec<(&'static str, u64)>) {
         let at = at.saturating_duration_since(self.origin);
         self.events.push(Event { at, track, name: name.into(), kind: Kind::Counters(values) });
     }
 
-    /// Adds to what the file says of itself.
+    /// Adds to the description of the file.
     pub fn note(&mut self, key: &str, value: impl Into<Value>) {
         self.notes.insert(key.to_owned(), value.into());
     }
@@ -86,9 +86,9 @@ impl Trace {
     /// Writes the file, an event a line: first the names, then all events by their time.
     ///
     /// # Errors
-    /// What writing brings.
+    /// Errors of writing.
     pub fn write(mut self, out: &mut dyn Write) -> io::Result<()> {
-        // What is longer goes first, so that a span that others lie in stands before them.
+        // Longer spans go first, so that a span comes before those that it contains.
         let length = |event: &Event| match event.kind {
             Kind::Span { duration, .. } => duration,
             Kind::Counters(_) => Duration::ZERO,
@@ -105,7 +105,7 @@ impl Trace {
 }
 
 impl Track {
-    /// Numbers that Perfetto takes: 0 is no thread to it.
+    /// Numbers that Perfetto accepts: it does not take 0 for a thread.
     fn ids(self) -> [usize; 2] {
         [self.process + 1, self.thread + 1]
     }

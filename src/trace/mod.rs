@@ -1,7 +1,7 @@
-//! What a process did when: stages of the host, and a file of them, and of whatever else has a time, in Chrome's trace
-//! format.
+//! What a process did when: stages of the host, and a writer of Chrome's trace format for them and for anything else
+//! that has a time.
 //!
-//! This room knows nothing of devices and renders: it is given names and times.
+//! This room knows nothing of devices and renders, only names and times.
 
 mod chrome;
 mod stages;

@@ -1,4 +1,4 @@
-//! Stages of the host: what its one thread that drives the work did, from when to when.
+//! Stages of the host: what the thread that drives the work did, from when to when.
 
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -14,7 +14,7 @@ pub struct Stage {
     pub end: Instant,
 }
 
-/// Where stages are noted; by default nowhere, at no cost. Clones note in one place.
+/// A log of stages; by default it keeps nothing, at no cost. Clones share one log.
 #[derive(Debug, Clone, Default)]
 pub struct Stages(Option<Arc<Mutex<Noted>>>);
 
@@ -30,7 +30,7 @@ struct Noted {
 pub struct StageGuard(Option<(Arc<Mutex<Noted>>, &'static str, Instant)>);
 
 impl Stages {
-    /// A place that keeps them.
+    /// A log that keeps them.
     pub fn kept() -> Self {
         Self(Some(Arc::default()))
     }
@@ -40,8 +40,8 @@ impl Stages {
         self.0.is_some()
     }
 
-    /// Begins a stage. Stages do not lie in each other: one that begins within another is a part of that one and is not
-    /// noted, as the waiting for a copy is a part of the upload.
+    /// Begins a stage. Stages do not nest: one that begins within another is a part of that one and is not noted, as
+    /// waiting for a copy is a part of the upload.
     pub fn begin(&self, name: &'static str) -> StageGuard {
         StageGuard(self.0.as_ref().and_then(|noted| {
             let mut inside = noted.lock().ok()?;

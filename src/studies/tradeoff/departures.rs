@@ -1,11 +1,10 @@
 //! How far renders are from a reference, and how much of that is bias.
 //!
-//! With D_k the difference of the k-th render and the reference, and ⟨D_k, D_l⟩ the mean of its product
-//! over pixels and channels, ⟨D_k, D_k⟩ is the k-th squared error. Noise of two renders is independent,
-//! so ⟨D_k, D_l⟩ of two different ones is the squared bias in expectation, and the squared error less
-//! that is the variance: unbiased estimates both, of as few renders as two (U-statistics; Hoeffding, "A
-//! class of statistics with asymptotically normal distribution", 1948). The reference's own noise is in
-//! all of the products; its variance is known and taken off.
+//! With D_k the difference of the k-th render and the reference, and ⟨D_k, D_l⟩ the mean of its product over pixels and
+//! channels, ⟨D_k, D_k⟩ is the k-th squared error. Noise of two renders is independent, so ⟨D_k, D_l⟩ of two different
+//! ones is the squared bias in expectation, and the squared error minus that is the variance: both are unbiased
+//! estimates, from as few as two renders (U-statistics; Hoeffding, "A class of statistics with asymptotically normal
+//! distribution", 1948). The reference's own noise is in all of the products; its variance is known and subtracted.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -20,12 +19,12 @@ use crate::stats::{Bootstrap, DARK, Estimate, Interval};
 /// Two-sided quantile of a normal number for 95 %.
 const TWO_SIDED_95: f64 = 1.96;
 
-/// The image that the others are held against.
+/// The image that the others are compared with.
 #[derive(Debug, Clone)]
 pub struct Reference {
     /// Its pixels.
     pub image: Arc<Image>,
-    /// How well it is known; `None` where nobody told.
+    /// How well it is known; `None` if nothing says.
     pub noise: Option<ReferenceNoise>,
     /// Where it comes from, for people.
     pub origin: String,
@@ -38,7 +37,7 @@ pub struct ReferenceNoise {
     pub samples_per_pixel: u64,
     /// Independent renders that it is the mean of.
     pub renders: u64,
-    /// Mean over pixels and channels of its variance over radiance² + 0.01: the relMSE that it has itself.
+    /// Mean over pixels and channels of its variance over radiance² + 0.01: its own relMSE.
     pub relative_variance: f64,
     /// Mean over pixels and channels of its variance.
     pub variance: f64,
@@ -48,7 +47,7 @@ pub struct ReferenceNoise {
     pub mean_standard_error: f64,
 }
 
-/// Renders by other random numbers, summed up to a reference.
+/// Renders with different seeds, summed to a reference.
 #[derive(Debug, Default)]
 pub struct ReferenceSum {
     width: u32,
@@ -60,7 +59,7 @@ pub struct ReferenceSum {
 }
 
 impl ReferenceSum {
-    /// Takes one more render of the same size.
+    /// Adds a render of the same size.
     pub fn add(&mut self, image: &Image) {
         if self.sum.is_empty() {
             (self.width, self.height) = (image.width, image.height);
@@ -83,7 +82,7 @@ impl ReferenceSum {
         self.renders
     }
 
-    /// The mean of the renders, of so many samples each, and its noise by their scatter. It takes two.
+    /// The mean of the renders, of that many samples each, and its noise from their scatter. It needs two.
     pub fn reference(&self, samples: u64) -> Reference {
         let n = self.renders as f64;
         let pixels = self.sum.iter().map(|sum| glam::DVec3::from_array(sum.map(|s| s / n)).as_vec3());
@@ -117,7 +116,7 @@ pub fn mean_radiance(image: &Image) -> f64 {
 /// Inner products of differences with each other.
 #[derive(Debug, Clone, Default)]
 pub struct Products {
-    /// Row k holds those with itself and all before.
+    /// Row k holds the products with itself and all before.
     rows: Vec<Vec<f64>>,
 }
 
@@ -167,20 +166,20 @@ impl Products {
     }
 }
 
-/// A squared error and what it is made of. Estimates, so that a bias that is nearly none may come out below 0.
+/// A squared error and its parts. They are estimates, so a bias near 0 may come out negative.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Decomposition {
     /// Expected squared error of one render.
     pub total: Estimate,
-    /// Squared bias: what is left of it however many samples there are.
+    /// Squared bias: what remains however many samples there are.
     pub bias_squared: Estimate,
     /// Variance of one render.
     pub variance: Estimate,
 }
 
 impl Decomposition {
-    /// Of the first `count` differences, two at least, from a reference of that variance, which is known up to
-    /// that standard error.
+    /// From the first `count` differences, at least two, from a reference of that variance, which is known up to that
+    /// standard error.
     pub fn of(products: &Products, reference_variance: f64, uncertainty: f64, bootstrap: &Bootstrap) -> Option<Self> {
         let count = products.len();
         (count >= 2).then(|| {
@@ -193,15 +192,14 @@ impl Decomposition {
         })
     }
 
-    /// Whether the bias is surely above none.
+    /// Whether the bias is significantly above 0.
     pub fn is_biased(&self) -> bool {
         self.bias_squared.surely_above(0.0)
     }
 }
 
-/// A statistic of `count` renders, with an interval by resampling them where they are enough: it is given how often
-/// each was drawn.
-/// Draws of one render alone have no statistic and are left out.
+/// A statistic of `count` renders, with an interval by resampling them if they are enough: it is given how often each
+/// was drawn. Draws of only one render have no statistic and are left out.
 pub fn by_renders(count: usize, bootstrap: &Bootstrap, statistic: impl Fn(&[f64]) -> f64) -> Estimate {
     let value = statistic(&vec![1.0; count]);
     let indices: Vec<f64> = (0..count).map(|k| k as f64).collect();
@@ -224,15 +222,15 @@ pub fn widened(estimate: Estimate, deviation: f64) -> Estimate {
     Estimate { value, interval: estimate.interval.map(wider) }
 }
 
-/// Pixels whose products a core takes at a time: all that they share stays in its cache.
+/// Pixels whose products a core computes at a time, so that the shared data stay in its cache.
 const PART: usize = 1 << 11;
-/// Numbers side by side, more than a register has so that sums do not wait for each other, and how many of each are
-/// summed before the sum is widened.
+/// Parallel sums, more than a register has so that they do not wait for each other, and how many numbers each adds
+/// before it is widened.
 const LANES: usize = 16;
 const RUN: usize = 32 * LANES;
 
-/// A difference of images whose products with others, and with itself, are wanted. Pairs are images whose difference is
-/// meant.
+/// A difference of images whose products with others, and with itself, are wanted. A pair stands for the difference of
+/// its images.
 #[derive(Debug, Clone)]
 pub struct Departure<'a> {
     /// The difference.
@@ -244,20 +242,20 @@ pub struct Departure<'a> {
 }
 
 impl<'a> Departure<'a> {
-    /// The k-th of some differences, with all up to itself.
+    /// The k-th of some differences, with all up to and including itself.
     pub fn among(k: usize, absolute: bool, pair: impl Fn(usize) -> [&'a Image; 2]) -> Self {
         Self { own: pair(k), others: (0..=k).map(pair).collect(), absolute }
     }
 }
 
-/// What came of a [`Departure`]: means over pixels and channels.
+/// The results of a [`Departure`]: means over pixels and channels.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ProductRow {
     /// Of the difference.
     pub mean: f64,
     /// Of its product with each of the others, over the reference's radiance² + 0.01.
     pub relative: Vec<f64>,
-    /// Of the same product as it is, where that is wanted.
+    /// Of the same product without weight, if that is wanted.
     pub absolute: Vec<f64>,
 }
 
@@ -272,19 +270,19 @@ impl ProductRow {
     }
 }
 
-/// The products of many differences by one pass over the images: memory is what takes the time, and what several
-/// differences share is fetched once. Pixels of the reference that are not finite are left out.
+/// The products of many differences in one pass over the images: memory bandwidth is what takes the time, and data that
+/// several differences share are fetched once. Pixels of the reference that are not finite are left out.
 pub fn products<'a>(departures: &[Departure<'a>], reference: &Image) -> Vec<ProductRow> {
     let parts = reference.pixels.par_chunks(PART).enumerate().map(|(i, reference)| {
         let finite = reference.iter().filter(|r| r.is_finite()).count();
-        // What is left out is 0 in all of them.
+        // Pixels that are left out are 0 in all of them.
         let kept = |(pixel, reference): (&Vec3, &Vec3)| if reference.is_finite() { *pixel } else { Vec3::ZERO };
         let part = |image: &'a Image| -> Cow<'a, [Vec3]> {
             let pixels = &image.pixels[i * PART..][..reference.len()];
             if finite == reference.len() { pixels.into() } else { pixels.iter().zip(reference).map(kept).collect() }
         };
         let weights: Vec<Vec3> = reference.iter().map(|r| kept((&(r * r + DARK as f32).recip(), r))).collect();
-        // By the widest registers that the processor has.
+        // With the widest registers that the processor has.
         let processor = pulp::Arch::new();
         let row = |Departure { own: [a, b], others, absolute }: &Departure<'a>| {
             let (a, b) = (part(a), part(b));
@@ -301,7 +299,7 @@ pub fn products<'a>(departures: &[Departure<'a>], reference: &Image) -> Vec<Prod
         };
         (departures.iter().map(row).collect(), finite)
     });
-    // Put together in their order: the same numbers on any number of cores.
+    // Merged in their order: the same numbers on any number of cores.
     let parts: Vec<(Vec<ProductRow>, usize)> = parts.collect();
     let mut rows: Vec<ProductRow> = departures.iter().map(ProductRow::of_zeros).collect();
     let mut numbers = 0.0;
@@ -319,7 +317,7 @@ fn floats(pixels: &[Vec3]) -> &[f32] {
     bytemuck::cast_slice(pixels)
 }
 
-/// The sum of numbers, by several side by side.
+/// The sum of numbers, by several sums in parallel.
 fn total(numbers: &[f32]) -> f64 {
     let (runs, rest) = numbers.as_chunks::<LANES>();
     let mut lanes = [0.0_f64; LANES];
@@ -352,7 +350,7 @@ fn sum(weights: &[f32], a: &[f32], b: &[f32]) -> f64 {
 }
 
 impl Reference {
-    /// Its own relMSE, and the standard error of what is left of its noise in an estimate of squared bias.
+    /// Its own relMSE, and the standard error of the remainder of its noise in an estimate of squared bias.
     pub fn relative_noise(&self) -> (f64, f64) {
         let numbers = 3.0 * self.image.pixels.len() as f64;
         // The square of a normal number of variance v has variance 2 v². Channels share their paths.

@@ -1,4 +1,4 @@
-//! The settings that a sweep turns, and the levels that it gives them.
+//! The settings that a sweep varies, its knobs, and the levels that it gives them.
 
 use serde_json::{Map, Value};
 
@@ -10,7 +10,7 @@ use crate::studies::Configuration;
 pub struct Base {
     /// As they were asked for.
     pub settings: Settings,
-    /// The record of a render by them, which says what the device chose.
+    /// The record of a render with them, which includes the device's defaults.
     pub record: Map<String, Value>,
     /// Mean radiance of the reference.
     pub mean_radiance: f64,
@@ -28,7 +28,7 @@ impl Base {
         }
     }
 
-    /// Every level of a knob but the base's own; none of a setting that is no knob.
+    /// Every level of a knob except the base's own; empty for a setting that is not a knob.
     pub fn other_levels(&self, setting: &Setting) -> Vec<String> {
         let own = self.level(setting);
         let levels = setting.knob.map(|knob| (knob.values)(&self.settings, self.mean_radiance)).unwrap_or_default();
@@ -36,7 +36,7 @@ impl Base {
     }
 }
 
-/// Every setting that a sweep turns. The number of samples is none of them: each of the others is measured in it.
+/// Every setting that a sweep varies. The number of samples is not one of them: the others are measured in samples.
 pub fn knobs() -> impl Iterator<Item = (&'static Setting, Knob)> {
     SETTINGS.iter().filter_map(|setting| Some((setting, setting.knob?)))
 }
@@ -49,7 +49,7 @@ pub fn exact(configuration: &Configuration) -> Configuration {
     })
 }
 
-/// What a configuration is called, its samples left out: `mis, max-bounces 4, fast-math`.
+/// The name of a configuration, without its samples: `mis, max-bounces 4, fast-math`.
 pub fn label(configuration: &Configuration) -> String {
     let speaks_for_itself = |factor: &str| matches!(factor, "integrator" | "sampler" | "bvh");
     let part = |(factor, level): (&'static str, &str)| match level {
@@ -61,7 +61,7 @@ pub fn label(configuration: &Configuration) -> String {
     if parts.is_empty() { "base".to_owned() } else { parts.join(", ") }
 }
 
-/// The flags of `render` that make a point of a sweep over these settings; none of a configuration that makes no sense.
+/// The flags of `render` that make a point of a sweep over these settings; empty for a configuration that is not valid.
 pub fn flags(base: &Settings, configuration: &Configuration) -> String {
     configuration.of(*base).map(|settings| settings::flags(&settings)).unwrap_or_default()
 }

@@ -1,9 +1,9 @@
-//! What speed costs in error: a sweep over the settings that buy the one with the other.
+//! What speed costs in error: a sweep over the settings that trade one for the other.
 //!
-//! Every point, a configuration and a number of samples, is rendered again and again by other random
-//! numbers; each render is timed and held against a reference. Its squared error is then told apart
-//! into bias, which no number of samples mends, and variance ([`departures`]). A knob at one level is
-//! judged against the base by what an equal error costs ([`Worth`]).
+//! Every point, a configuration and a number of samples, is rendered several times with independent seeds; each render
+//! is timed and compared with a reference. Its squared error is then split into bias, which no number of samples mends,
+//! and variance ([`departures`]). A knob at one level is compared with the base by the time to an equal error
+//! ([`Worth`]).
 
 pub mod departures;
 mod knobs;

@@ -1,4 +1,4 @@
-//! What the renders of a sweep say: what each point costs and errs, the front, and what each knob is worth.
+//! Analysis of a sweep's renders: time and error of each point, the front, and what each knob is worth.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::settings::Settings;
 use crate::stats::{Bootstrap, Estimate, TOO_FEW_ROUNDS, median};
 use crate::studies::{Configuration, Measurement, SceneFacts};
 
-/// A sweep and what came of it.
+/// A sweep and its results.
 #[derive(Debug, Clone, Serialize)]
 pub struct TradeoffReport {
     /// Whether the sweep ran to its end.
@@ -26,7 +26,7 @@ pub struct TradeoffReport {
     pub base_samples: u32,
     /// Where the reference comes from.
     pub reference: String,
-    /// Its noise, where it is known.
+    /// Its noise, if it is known.
     pub reference_noise: Option<ReferenceNoise>,
     /// Share of intervals that cover the true value.
     pub confidence: f64,
@@ -36,9 +36,9 @@ pub struct TradeoffReport {
     pub seed: u64,
     /// Every point, in the order in which the sweep came to it; the base is the first.
     pub points: Vec<PointReport>,
-    /// Every knob at every level but the base's, the most worth first.
+    /// Every knob at every level except the base's, the most valuable first.
     pub knobs: Vec<KnobReport>,
-    /// Places in `points` of those that no other is faster and nearer than, the fastest first.
+    /// Indices in `points` of the front: those that no other point beats in both time and error, the fastest first.
     pub front: Vec<usize>,
     /// What reaches the wanted error soonest.
     pub target: Option<TargetAnswer>,
@@ -59,40 +59,40 @@ pub(super) struct Held {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
-    /// One knob turned, or none.
+    /// One knob changed, or none.
     OneKnob,
-    /// What was worth it together, along the number of samples.
+    /// Knobs that were worth it, combined, over numbers of samples.
     Combined,
     /// To reach the wanted error.
     Target,
 }
 
-/// A configuration with its samples, and what came of it. Estimates need two renders.
+/// A configuration with its samples, and its results. Estimates need two renders.
 #[derive(Debug, Clone, Serialize)]
 pub struct PointReport {
     /// What is different from the base, and the samples.
     pub configuration: Configuration,
-    /// What it is called, samples left out.
+    /// Its name, without samples.
     pub label: String,
     /// Samples of each pixel.
     pub samples: u32,
     /// Flags of `render` that make it.
     pub flags: String,
-    /// Why it is there.
+    /// Why it is in the sweep.
     pub stage: Stage,
-    /// Why it was given up.
+    /// Why it was abandoned.
     pub failed: Option<String>,
-    /// Median time of a render, on the device's clock where it has one.
+    /// Median time of a render, on the device's clock if it has one.
     pub seconds: Option<Estimate>,
     /// Squared error over radiance² + 0.01, by pixel and channel: relMSE.
     pub rel_mse: Option<Decomposition>,
     /// Squared error, radiance squared.
     pub mse: Option<Decomposition>,
-    /// Mean error over the mean of the reference: below 0 where light is lost.
+    /// Mean error over the mean of the reference: negative if light is lost.
     pub mean_error: Option<Estimate>,
     /// 1 / (relMSE · seconds).
     pub efficiency: Option<Estimate>,
-    /// Whether no other point is both faster and nearer.
+    /// Whether no other point is both faster and more accurate.
     pub on_front: bool,
     /// Samples that were NaN or infinite, over all renders.
     pub nonfinite_samples: u64,
@@ -108,15 +108,15 @@ pub struct PointReport {
 /// One render of a point.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct PointRun {
-    /// Of its random numbers.
+    /// Its seed.
     pub seed: u32,
-    /// On the device's clock; 0 where it has none.
+    /// On the device's clock; 0 if it has none.
     pub gpu_seconds: f64,
     /// On the host's clock.
     pub wall_seconds: f64,
-    /// relMSE, with the reference's noise in it.
+    /// relMSE, including the reference's noise.
     pub rel_mse: f64,
-    /// MSE, with the reference's noise in it.
+    /// MSE, including the reference's noise.
     pub mse: f64,
     /// Mean error, radiance.
     pub mean_error: f64,
@@ -128,11 +128,11 @@ struct Series {
     images: Vec<Arc<Image>>,
     relative: Products,
     absolute: Products,
-    /// Relative products of the differences from the base by the same random numbers.
+    /// Relative products of the differences from the base with the same seeds.
     from_base: Products,
 }
 
-/// What a knob is worth at one level, beside more or fewer samples in the base.
+/// What a knob is worth at one level, compared with more or fewer samples in the base.
 #[derive(Debug, Clone, Serialize)]
 pub struct KnobReport {
     /// The factor.
@@ -143,32 +143,32 @@ pub struct KnobReport {
     pub base_level: String,
     /// Time over the base's at equal samples.
     pub time_ratio: Estimate,
-    /// Time over the base's to an equal variance: below 1 it buys more than it costs.
+    /// Time over the base's to an equal variance: below 1 it gains more than it costs.
     pub cost_ratio: Estimate,
-    /// Squared bias against the base, by equal random numbers; in relMSE.
+    /// Squared bias against the base, with equal seeds; in relMSE.
     pub bias_squared: Estimate,
-    /// Its mean less the base's over the mean of the reference.
+    /// Its mean minus the base's, over the mean of the reference.
     pub mean_shift: Estimate,
     /// Whether all images are the base's to the last bit.
     pub identical: bool,
-    /// What it is worth.
+    /// The verdict.
     pub worth: Worth,
-    /// Time over the base's to the relMSE that the base has at the samples that knobs are compared at, bias
-    /// and all; `None` where the bias alone is more.
+    /// Time over the base's to the relMSE that the base has at the samples that knobs are compared at, bias included;
+    /// `None` if the bias exceeds it.
     pub equal_error_ratio: Option<f64>,
     /// The relMSE above which a biased knob is worth it.
     pub pays_above: Option<f64>,
 }
 
 impl KnobReport {
-    /// Time over the base's to a relMSE, bias and all; `None` where the bias alone is more. The base's variance
-    /// goes with the inverse of its time, and so does the knob's.
+    /// Time over the base's to a relMSE, bias included; `None` if the bias exceeds it. The base's variance is
+    /// proportional to the inverse of its time, and so is the knob's.
     pub fn time_to(&self, rel_mse: f64) -> Option<f64> {
         let bias = if self.biased() { self.bias_squared.value } else { 0.0 };
         (bias < rel_mse).then(|| self.cost_ratio.value * rel_mse / (rel_mse - bias))
     }
 
-    /// Whether its bias is surely above none.
+    /// Whether its bias is significantly above 0.
     pub fn biased(&self) -> bool {
         !self.identical && self.bias_squared.surely_above(0.0)
     }
@@ -178,13 +178,13 @@ impl KnobReport {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Worth {
-    /// It surely takes less time to an equal error, and no bias is seen.
+    /// It takes significantly less time to an equal error, and shows no bias.
     Free,
-    /// It surely takes less time where its bias may be.
+    /// It takes significantly less time where its bias is acceptable.
     Trade,
-    /// Not surely better or worse than the base.
+    /// Not significantly better or worse than the base.
     Even,
-    /// It surely takes more time to an equal error: other samples do more.
+    /// It takes significantly more time to an equal error: a change of samples does more.
     Never,
     /// There are no intervals to judge it by.
     TooFewRounds,
@@ -208,9 +208,9 @@ impl Worth {
 pub struct TargetAnswer {
     /// The wanted relMSE.
     pub rel_mse: f64,
-    /// The settings, with their samples; `None` where all that was tried has more bias.
+    /// The settings, with their samples; `None` if everything that was tried has more bias.
     pub configuration: Option<Configuration>,
-    /// What they are called.
+    /// Their name.
     pub label: String,
     /// Flags of `render` that make them.
     pub flags: String,
@@ -218,11 +218,11 @@ pub struct TargetAnswer {
     pub samples: u32,
     /// Time of a render.
     pub seconds: f64,
-    /// Whether a point of the sweep is this very one; otherwise it is inferred from the nearest.
+    /// Whether it is a point of the sweep; otherwise it is inferred from the nearest.
     pub measured: bool,
     /// Arms and their times to the error, the fastest first.
     pub arms: Vec<(String, f64)>,
-    /// Their configurations with the samples that should do.
+    /// Their configurations with the samples that should be enough.
     #[serde(skip)]
     pub(super) candidates: Vec<Configuration>,
 }
@@ -255,7 +255,7 @@ impl PointReport {
         format!("{}, {} samples", self.label, self.samples)
     }
 
-    /// Takes a render, which [`TradeoffReport::analyse`] holds against the reference.
+    /// Adds a render, which [`TradeoffReport::analyse`] compares with the reference.
     pub(super) fn add(&mut self, seed: u32, measurement: Measurement, image: Image) {
         let image = Arc::new(image);
         self.image.get_or_insert_with(|| Arc::clone(&image));
@@ -298,7 +298,7 @@ impl PointReport {
     }
 }
 
-/// The median of values that are each there so often.
+/// The median of values with multiplicities.
 fn weighted_median(values: &[f64], weights: &[f64]) -> f64 {
     let repeated = values.iter().zip(weights).flat_map(|(value, weight)| std::iter::repeat_n(*value, *weight as usize));
     median(&repeated.collect::<Vec<_>>())
@@ -314,7 +314,7 @@ impl TradeoffReport {
         self.points.iter().position(|point| point.configuration == *configuration)
     }
 
-    /// Computes everything that follows from the renders; `turned` lists points with one knob turned, as place,
+    /// Computes everything that follows from the renders; `turned` lists points with one knob changed, as index,
     /// factor, level and the base's level.
     pub(super) fn analyse(&mut self, turned: &[(usize, &'static str, String, String)], target: Option<f64>) {
         let Some(held) = self.held_against.clone() else { return };
@@ -336,8 +336,8 @@ impl TradeoffReport {
         self.target = target.map(|wanted| self.answer(wanted));
     }
 
-    /// Holds renders against the reference, and those with a knob turned against the base's by the same random numbers, as
-    /// far as that is not done yet.
+    /// Compares renders with the reference, and those with a knob changed with the base's of the same seeds, unless
+    /// that is done already.
     fn hold(&mut self, turned: &[(usize, &'static str, String, String)], reference: &Image) {
         let mut departures = Vec::new();
         let mut places = Vec::new();
@@ -382,7 +382,7 @@ impl TradeoffReport {
                 self.knobs.extend(judged);
             }
         }
-        // Those that buy come first, by what they buy here.
+        // Those that gain come first, by what they gain here.
         let order = |knob: &KnobReport| {
             let buys = matches!(knob.worth, Worth::Free | Worth::Trade);
             let rank = if buys { 0 } else { 1 + knob.worth as usize };
@@ -394,8 +394,8 @@ impl TradeoffReport {
         });
     }
 
-    /// What reaches the error soonest. Of each configuration the point nearest to the error is taken, and its
-    /// variance goes with the inverse of the samples; its bias stays.
+    /// What reaches the error soonest. Each configuration is judged by its point nearest to the error; its variance is
+    /// proportional to the inverse of the samples, its bias constant.
     fn answer(&self, wanted: f64) -> TargetAnswer {
         let mut best: Vec<(f64, Configuration, u32, bool)> = Vec::new();
         for (i, point) in self.points.iter().enumerate() {
@@ -411,7 +411,7 @@ impl TradeoffReport {
             let apart = |error: &Decomposition| (error.total.value / wanted).ln().abs();
             let nearest = known.min_by(|a, b| apart(&a.2).total_cmp(&apart(&b.2)));
             let Some((point, seconds, error)) = nearest else { continue };
-            // A bias that is not sure is none.
+            // A bias that is not significant counts as 0.
             let bias = if error.is_biased() { error.bias_squared.value } else { 0.0 };
             let variance = error.total.value - bias;
             if bias >= wanted || variance <= 0.0 {
@@ -437,7 +437,8 @@ impl TradeoffReport {
     }
 }
 
-/// Places of the points that no other is as fast and as near as and better in one, the fastest first.
+/// Indices of the points on the front: no other point is at least as good in time and error and better in one. The
+/// fastest first.
 pub fn front(points: &[Option<(f64, f64)>]) -> Vec<usize> {
     let known: Vec<(usize, (f64, f64))> = points.iter().enumerate().filter_map(|(i, p)| Some((i, (*p)?))).collect();
     let beaten = |(time, error): (f64, f64)| {

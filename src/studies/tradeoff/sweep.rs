@@ -1,4 +1,4 @@
-//! How a sweep is carried out: a reference, one knob at a time, then what was worth it together.
+//! How a sweep runs: a reference, one knob at a time, then combinations of those that were worth it.
 
 use std::ops::ControlFlow;
 
@@ -8,44 +8,43 @@ use super::report::{Held, KnobReport, PointReport, Stage, TradeoffReport, Worth}
 use crate::stats::{Bootstrap, CONFIDENCE, FEWEST_ROUNDS, SplitMix64};
 use crate::studies::{Configuration, Measurement, Purpose, Renderer, SceneFacts, StudyError, shuffle};
 
-/// Share of the budget that goes to the reference, where none is there yet.
+/// Share of the budget that goes to the reference, if there is none yet.
 const REFERENCE_SHARE: f64 = 0.35;
 /// Share of the budget that goes to knobs, one at a time.
 const ONE_KNOB_SHARE: f64 = 0.35;
-/// Rounds that the samples of the base are chosen for.
+/// Rounds for which the samples of the base are chosen.
 const WANTED_ROUNDS: usize = 8;
-/// Renders of a reference, at least: their scatter tells its noise.
+/// Minimum number of renders of a reference: their scatter gives its noise.
 const FEWEST_REFERENCES: u64 = 8;
 /// First seed of a reference; points begin at 0.
 const REFERENCE_SEED: u32 = 1 << 30;
-/// Numbers of samples of what is combined, over those of the base.
+/// Numbers of samples of combinations, over those of the base.
 const LADDER: [f64; 5] = [1.0 / 16.0, 0.25, 1.0, 4.0, 16.0];
 /// Share of the base's error at which knobs are chosen to be combined.
 const FINER: f64 = 0.25;
-/// Time of the base's to an equal error below which a knob is worth a try with others.
+/// Share of the base's time to an equal error below which a knob is tried in combinations.
 const PROMISING: f64 = 0.97;
-/// Time of the base's that it must surely be below for that.
+/// Share of the base's time that it must be significantly below for that.
 const HARDLY_WORSE: f64 = 1.1;
-/// Configurations that are taken on towards a wanted error.
+/// Configurations that are pursued towards a wanted error.
 const CANDIDATES: usize = 3;
 
-/// A sweep: a scene, how long it may take, and what is asked.
+/// A sweep: a scene, a budget, and what is asked.
 #[derive(Debug, Clone)]
 pub struct Sweep {
     /// The scene.
     pub scene: String,
-    /// Seconds of rendering that it may take, on the host's clock. Building kernels and writing files come on
-    /// top.
+    /// Seconds of rendering that it may take, on the host's clock. Building kernels and writing files are extra.
     pub budget_seconds: f64,
     /// Rounds of a stage at most.
     pub rounds: usize,
-    /// Whether the base's samples stand. Otherwise they are cut to what the budget has room for.
+    /// Whether the base's samples are fixed. Otherwise they are reduced to what the budget allows.
     pub fixed_samples: bool,
     /// relMSE of the reference by its own noise that is good enough.
     pub reference_error: f64,
-    /// The relMSE that is to be reached soonest, if one is.
+    /// The relMSE to reach soonest, if one is given.
     pub target: Option<f64>,
-    /// How intervals of errors are made.
+    /// How intervals of errors are computed.
     pub bootstrap: Bootstrap,
     /// Seed of the order of the renders.
     pub seed: u64,
@@ -53,17 +52,17 @@ pub struct Sweep {
 
 /// Keeps references from one sweep to the next.
 pub trait ReferenceKeeper {
-    /// One of the scene as those settings have it, if there is one.
+    /// The reference for the scene with those settings, if there is one.
     ///
     /// # Errors
-    /// One that was named and cannot be read or has another size.
+    /// A reference that was named and cannot be read or has another size.
     fn load(&mut self, facts: &SceneFacts, base: &Base) -> Result<Option<Reference>, StudyError>;
 
-    /// Keeps one.
+    /// Keeps a reference.
     fn store(&mut self, facts: &SceneFacts, base: &Base, reference: &Reference);
 }
 
-/// What a stage will do, told before it begins.
+/// What a stage will do, reported before it begins.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepPlan {
     /// What it is.
@@ -72,9 +71,9 @@ pub struct SweepPlan {
     pub points: Vec<String>,
     /// Rounds.
     pub rounds: usize,
-    /// Seconds of rendering that it takes, about.
+    /// Approximate seconds of rendering that it takes.
     pub seconds: f64,
-    /// Bytes of images that it keeps, about.
+    /// Approximate bytes of images that it keeps.
     pub image_bytes: u64,
 }
 
@@ -82,7 +81,7 @@ pub struct SweepPlan {
 #[derive(Debug, Clone, Copy)]
 #[allow(missing_docs, reason = "the fields say it")]
 pub enum SweepEvent<'a> {
-    /// What is about to be done.
+    /// A stage is about to begin.
     Planned(&'a SweepPlan),
     /// A render begins; a reference has no round.
     Rendering { label: &'a str, round: Option<usize> },
@@ -90,13 +89,13 @@ pub enum SweepEvent<'a> {
     Updated(&'a TradeoffReport),
 }
 
-/// Hears of events and says whether to go on.
+/// Receives events and says whether to go on.
 pub type SweepListener<'a> = dyn FnMut(SweepEvent<'_>) -> ControlFlow<()> + 'a;
 
-/// A point with one knob turned: its place, the factor, its level and the base's.
+/// A point with one knob changed: its index, the factor, its level and the base's.
 type Turned = (usize, &'static str, String, String);
 
-/// A sweep under way.
+/// A running sweep.
 struct Run<'a> {
     sweep: &'a Sweep,
     renderer: &'a mut dyn Renderer,
@@ -111,7 +110,7 @@ struct Run<'a> {
 }
 
 impl Sweep {
-    /// Carries the sweep out. When `listen` breaks it ends there, and the report holds what there is.
+    /// Runs the sweep. When `listen` breaks it ends there, and the report holds the results so far.
     ///
     /// # Errors
     /// A scene that does not open, a base that does not render, a reference that does not fit.
@@ -189,7 +188,7 @@ impl Run<'_> {
         Ok(self.stage("towards the wanted error", candidates, rest))
     }
 
-    /// The first render of the base: its settings, and how fast it is.
+    /// The first render of the base: its settings and its speed.
     fn first_look(&mut self) -> Result<Base, StudyError> {
         let few = self.report.base_samples.min(8);
         let configuration = Configuration::default().with("samples", &few.to_string());
@@ -206,13 +205,13 @@ impl Run<'_> {
         Ok(Base { settings: self.report.facts.settings, record: first.settings, mean_radiance: 0.0 })
     }
 
-    /// The reference: one that is kept, or a new one. `None` where the user broke off.
+    /// The reference: a kept one, or a new one. `None` if the user interrupted.
     fn reference(&mut self, base: &Base, keeper: &mut dyn ReferenceKeeper) -> Result<Option<Reference>, StudyError> {
         if let Some(reference) = keeper.load(&self.report.facts, base)? {
             return Ok(Some(reference));
         }
         let allowed = REFERENCE_SHARE * self.sweep.budget_seconds;
-        // A render a fiftieth of what is allowed, so that their number is a matter of noise.
+        // A render takes a fiftieth of what is allowed, so that noise decides their number.
         let samples = (allowed / 50.0 / self.sample_seconds).clamp(1.0, 1024.0) as u32;
         let configuration = exact(&Configuration::default()).with("samples", &samples.to_string());
         let plan = SweepPlan {
@@ -240,7 +239,7 @@ impl Run<'_> {
             self.spent += measurement.seconds_spent();
             let image = measurement.image.ok_or_else(|| broken("the renderer made no image".to_owned()))?;
             sum.add(&image);
-            // To look at the noise takes as long as some renders do.
+            // Computing the noise takes as long as some renders do.
             let over = self.spent - begin >= allowed;
             if sum.renders() < next_look && !(over && sum.renders() >= FEWEST_REFERENCES) {
                 continue;
@@ -255,7 +254,7 @@ impl Run<'_> {
         }
     }
 
-    /// Cuts the base's samples to what the budget has room for.
+    /// Reduces the base's samples to what the budget allows.
     fn choose_samples(&mut self, base: &Base) {
         if self.sweep.fixed_samples {
             return;
@@ -280,14 +279,14 @@ impl Run<'_> {
         }
     }
 
-    /// What seems worth it alone, put together along the number of samples: the base, all knobs without bias, and
-    /// beside them each that is biased, and all of those. As many numbers of samples as fit the seconds. Yields the
-    /// new points' places.
+    /// Combines what seems worth it individually, over numbers of samples: the base, all knobs without bias, these with
+    /// each biased one, and with all of those. As many numbers of samples as fit the seconds. Returns the new points'
+    /// indices.
     fn combine(&mut self, base: &Base, seconds: f64) -> Vec<usize> {
-        // The samples stand first, as in the points with one knob turned.
+        // The samples come first, as in the points with one knob changed.
         let none = Configuration::default().with("samples", &self.report.base_samples.to_string());
         let error = self.report.points[0].rel_mse.map_or(f64::INFINITY, |error| error.total.value);
-        // What is biased must be worth it with more samples too.
+        // A biased knob must be worth it with more samples too.
         let wanted = self.sweep.target.unwrap_or(FINER * error);
         let buys = |knob: &KnobReport| {
             knob.time_to(wanted).filter(|ratio| *ratio < PROMISING && knob.cost_ratio.surely_below(HARDLY_WORSE))
@@ -306,7 +305,7 @@ impl Run<'_> {
             best
         };
         let with = |arm: &(Configuration, f64), knob: &KnobReport| {
-            // Two levels of one factor cannot be had together.
+            // Two levels of one factor exclude each other.
             let ratio = if arm.0.level(knob.factor).is_some() { 1.0 } else { knob.time_ratio.value };
             (arm.0.with(knob.factor, &knob.level), arm.1 * ratio)
         };
@@ -322,7 +321,7 @@ impl Run<'_> {
             for step in LADDER {
                 let samples = (f64::from(self.report.base_samples) * step).round();
                 let configuration = configuration.with("samples", &samples.to_string());
-                // What was rendered as one knob is there already, in as many renders as it needs.
+                // Points with one knob are there already, with as many renders as they need.
                 let known =
                     self.report.point(&configuration).is_some() || points.iter().any(|(c, _)| *c == configuration);
                 if samples >= 1.0 && !known {
@@ -342,8 +341,8 @@ impl Run<'_> {
         (first..self.report.points.len()).collect()
     }
 
-    /// Points at which those that seem to reach the wanted error soonest should reach it, as many as fit the
-    /// seconds. What is too long to be rendered is inferred.
+    /// Points at which those that seem to reach the wanted error soonest should reach it, as many as fit the seconds.
+    /// Points that take too long to render are inferred.
     fn candidates(&mut self, base: &Base, target: f64, seconds: f64) -> Vec<usize> {
         self.report.analyse(&self.turned, Some(target));
         let Some(answer) = &self.report.target else { return Vec::new() };
@@ -363,7 +362,7 @@ impl Run<'_> {
         (first..self.report.points.len()).collect()
     }
 
-    /// Rounds over the points, each in an order of its own, for as long as the seconds last.
+    /// Rounds over the points, each in a new random order, for as long as the seconds last.
     fn stage(&mut self, name: &'static str, points: Vec<usize>, seconds: f64) -> ControlFlow<()> {
         let samples = |i: &usize| f64::from(self.report.points[*i].samples) * self.sample_seconds;
         let round_seconds: f64 = points.iter().map(samples).sum();
@@ -380,7 +379,7 @@ impl Run<'_> {
         let begin = self.spent;
         (self.listen)(SweepEvent::Planned(&plan))?;
         for round in 0..rounds {
-            // Later rounds are given up where earlier ones took longer than was thought.
+            // Later rounds are dropped if earlier ones took longer than expected.
             if round >= FEWEST_ROUNDS && self.spent - begin + round_seconds > seconds.max(plan.seconds) {
                 break;
             }
@@ -396,7 +395,7 @@ impl Run<'_> {
         let mut order: Vec<usize> =
             points.iter().copied().filter(|i| self.report.points[*i].failed.is_none()).collect();
         shuffle(&mut order, &mut self.random);
-        // All points have the same seeds, so that they can be held against each other render by render.
+        // All points have the same seeds, so that they can be compared render by render.
         let seed = round as u32;
         let mut progress = ControlFlow::Continue(());
         for i in order {
