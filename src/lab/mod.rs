@@ -15,7 +15,7 @@ pub use host::{cache_folder, sign};
 pub use kernels::compiled_kernels;
 pub use record::{record, samples_by_rows, settings_record};
 pub use references::References;
-pub use renderer::{Asked, DeviceRenderer};
+pub use renderer::{Asked, DeviceRenderer, SettingsOf};
 pub use start_up::{ChildFailed, Contrast, StartUp, StartUps, first_sample_of};
 pub use tune::{Frozen, Measured, Plan, Tuned, tune};
 pub use tuning::{Key as TuningKey, Tuning, describe};

@@ -28,10 +28,13 @@ use crate::studies::{
     StageWork, WarmUpRow, WorkCounters,
 };
 
+/// The settings of a scene, before a configuration changes them.
+pub type SettingsOf = dyn Fn(&Scene) -> anyhow::Result<Settings>;
+
 /// What a study's renders are to be.
 pub struct Asked {
-    /// The settings of a scene, before a configuration changes them.
-    pub settings: Box<dyn Fn(&Scene) -> anyhow::Result<Settings>>,
+    /// The settings of each scene.
+    pub settings: Box<SettingsOf>,
     /// Whether a tuning stands in for what the settings leave open.
     pub tuned: bool,
     /// How start-up is measured, if it is.

@@ -24,10 +24,15 @@ pub trait Named: VariantArray + EnumMessage + Copy + Into<&'static str> {
     fn names() -> Vec<Name> {
         let name = |choice: &Self| Name {
             name: choice.name(),
-            meaning: choice.get_documentation().unwrap_or_default().trim_end_matches('.').replace('\n', " "),
+            meaning: words(choice.get_documentation().unwrap_or_default()).trim_end_matches('.').to_owned(),
         };
         Self::VARIANTS.iter().map(name).collect()
     }
+}
+
+/// The text in one line.
+fn words(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 impl<T: VariantArray + EnumMessage + Copy + Into<&'static str>> Named for T {}
