@@ -33,7 +33,7 @@ fn main() -> anyhow::Result<()> {
     write_image(path.as_ref(), &image, &WriteOptions::default())?;
     for outcome in [wavefront, megakernel] {
         let statistics = outcome.statistics;
-        println!("{:?}: {:.2} s", statistics.scheduler, statistics.wall_time.as_secs_f64());
+        println!("{:?}: {:.2} s", statistics.choices.scheduler, statistics.wall_time.as_secs_f64());
     }
     Ok(())
 }

@@ -10,7 +10,7 @@ use glam::DVec3;
 use raywave::gpu::Device;
 use raywave::render::{PreparedScene, Session, SessionOptions};
 use raywave::scene::Scene;
-use raywave::settings::Settings;
+use raywave::settings::{Fetch, Settings};
 use raywave::shaders::Access;
 
 fn render(device: &Device, scene: &Scene, access: Access) -> (Vec<DVec3>, Vec<DVec3>, u64) {
@@ -36,7 +36,7 @@ fn render(device: &Device, scene: &Scene, access: Access) -> (Vec<DVec3>, Vec<DV
     // A scene may have more texels than the device can address.
     let words = prepared.buffers(true).into_iter().map(|buffer| buffer.size / 8).max();
     if words <= Some(device.description().max_texel_buffer_elements) {
-        assert_eq!(outcome.statistics.texel_fetch, access.texel_fetch);
+        assert_eq!(outcome.statistics.choices.fetch == Fetch::Texel, access.texel_fetch);
     }
     (outcome.film.sum, outcome.film.sum_of_squares, outcome.statistics.rays())
 }

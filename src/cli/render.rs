@@ -19,7 +19,8 @@ use crate::gpu::{DeviceDescription, GpuError, Tools};
 use crate::image::{Image, WriteOptions, check_output, write_image};
 use crate::lab::{self, Tuning, tuning};
 use crate::render::{
-    Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Session, Statistics, find_faults,
+    Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Session, SessionOptions,
+    Statistics, find_faults,
 };
 use crate::scene::Scene;
 use crate::settings::{SETTINGS, Settings};
@@ -87,17 +88,18 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let loading = stages.begin("load scene");
     let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
     drop(loading);
-    let mut settings = arguments.picture.settings(&scene)?;
+    let settings = arguments.picture.settings(&scene)?;
     let mut device = open_device_with(arguments.picture.device(), tools.clone())?;
     let measuring = stages.begin("measure device");
-    let defaults = Defaults::of(&device)?;
+    let mut defaults = Defaults::of(&device)?;
     drop(measuring);
     if arguments.picture.tuned() {
         let tuning = Tuning::of_scene(device.description(), &scene, &mut warn_unless(arguments.quiet));
-        tuning.apply(&mut settings, &defaults);
+        defaults = defaults.with(tuning.chosen());
     }
     let prepared = PreparedScene::in_stages(&scene, &settings, &defaults, &stages)?;
-    let session = Session::new(&device, &prepared, &settings)?;
+    let options = SessionOptions { tuned: defaults.tuned, ..SessionOptions::default() };
+    let session = Session::with_options(&device, &prepared, &settings, options)?;
     let compiled = match &arguments.stats {
         Some(_) => {
             let _stage = stages.begin("describe kernels");
@@ -141,7 +143,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
             let name = again.description().cache_name();
             ensure!(name == device.description().cache_name(), "{lost}; it did not come back");
             device = again;
-            let session = Session::new(&device, &prepared, &settings)?;
+            let session = Session::with_options(&device, &prepared, &settings, options)?;
             losses.next().into_iter().for_each(|&submissions| device.lose_after(submissions));
             go_on(session, most_passes, &mut traces, &mut kept, &mut progress, &mut finished)
         });
@@ -394,8 +396,11 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
     if statistics.bands.len() > 1 {
         part += &format!(" (rows x samples from the top: {})", lab::samples_by_rows(statistics));
     }
-    let tuned =
-        if settings.tuned { format!("; tuned: {}", tuning::in_words(settings, statistics)) } else { String::new() };
+    let tuned = if statistics.choices.tuned {
+        format!("; tuned: {}", tuning::in_words(&statistics.choices))
+    } else {
+        String::new()
+    };
     eprintln!(
         "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s, pixels {}{tuned}",
         arguments.output.display(),

@@ -12,9 +12,7 @@ use super::picture::PictureArguments;
 use super::{at_least_one, load_scene, open_device, print, warn_unless};
 use crate::export::numbers::{Unit, interval};
 use crate::export::plain;
-use crate::lab::{Contrast, StartUp, Tuning, first_sample_of};
-use crate::render::Defaults;
-use crate::settings::Settings;
+use crate::lab::{Contrast, FirstSample, StartUp, Tuning, first_sample_of};
 use crate::stats::{CONFIDENCE, Estimate};
 
 /// Measure how long a process takes to its first sample, with cold and with warm shader caches
@@ -46,14 +44,14 @@ pub struct FirstSampleArguments {
 pub fn run_command(arguments: &StartUpArguments) -> anyhow::Result<()> {
     // What is wrong with the arguments is said once, before anything is started.
     let scene = load_scene(arguments.scene.as_deref(), false)?;
-    let mut settings = arguments.picture.settings(&scene)?;
+    let settings = arguments.picture.settings(&scene)?;
+    let mut first = FirstSample { settings, tuned: None };
     if arguments.picture.tuned() {
         let device = arguments.picture.open_device()?;
-        Tuning::of_scene(device.description(), &scene, &mut warn_unless(false))
-            .apply(&mut settings, &Defaults::of(&device)?);
+        first.tuned = Tuning::of_scene(device.description(), &scene, &mut warn_unless(false)).chosen();
     }
-    let measured =
-        StartUp::new(arguments.picture.device(), arguments.rounds)?.measure(arguments.scene.as_deref(), &settings)?;
+    let start_up = StartUp::new(arguments.picture.device(), arguments.rounds)?;
+    let measured = start_up.measure(arguments.scene.as_deref(), &first)?;
     let settings = measured.settings();
     if arguments.json {
         let seconds = |Contrast { cold, cached }| json!({ "cold_seconds": cold, "cached_seconds": cached });
@@ -104,8 +102,8 @@ pub fn run_command(arguments: &StartUpArguments) -> anyhow::Result<()> {
 
 /// The process that [`StartUp::measure`] starts.
 pub fn first_sample(arguments: &FirstSampleArguments) -> anyhow::Result<()> {
-    let settings: Settings = serde_json::from_reader(std::io::stdin().lock()).context("no settings on stdin")?;
-    settings.validate()?;
+    let first: FirstSample = serde_json::from_reader(std::io::stdin().lock()).context("no settings on stdin")?;
+    first.settings.validate()?;
     let scene = load_scene(arguments.scene.as_deref(), true)?;
-    print(&first_sample_of(&scene, &settings, &open_device(arguments.device.as_deref())?)?)
+    print(&first_sample_of(&scene, &first, &open_device(arguments.device.as_deref())?)?)
 }

@@ -10,7 +10,7 @@ use super::picture::PictureArguments;
 use super::{at_least_one, load_scene, print, warn_unless};
 use crate::export::numbers::{estimate, significant};
 use crate::gpu::Device;
-use crate::lab::{Frozen, Tuned, TuningKey, describe, tune};
+use crate::lab::{Frozen, TuningKey, TuningStudy, describe, tune};
 use crate::render::Traversal;
 use crate::scene::Scene;
 use crate::settings::{Named, Settings};
@@ -72,12 +72,12 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
 struct Report<'a> {
     scene: &'a Scene,
     device: &'a Device,
-    tuned: &'a Tuned,
+    tuned: &'a TuningStudy,
 }
 
 impl Report<'_> {
     fn lines(&self, file: Option<&Path>) -> String {
-        let Tuned { frozen, plans, own, chosen, warmth, .. } = self.tuned;
+        let TuningStudy { frozen, plans, own, chosen, warmth, .. } = self.tuned;
         let Settings { width, height, .. } = self.tuned.settings;
         let mut text = format!(
             "{}, {width}x{height}, on {}\nM rays/s: medians of {} rounds in random order, with {:.0} % intervals\n\n",
@@ -120,7 +120,7 @@ impl Report<'_> {
     }
 
     fn json(&self, file: Option<&Path>) -> Value {
-        let Tuned { settings, frozen, measured, plans, own, chosen, warmth } = self.tuned;
+        let TuningStudy { settings, frozen, measured, plans, own, chosen, warmth } = self.tuned;
         let way = |Traversal { bvh, fetch, workgroup_size, .. }: Traversal| {
             json!({
                 "bvh": bvh.name(),

@@ -16,6 +16,6 @@ pub use kernels::compiled_kernels;
 pub use record::{record, samples_by_rows, settings_record};
 pub use references::References;
 pub use renderer::{Asked, DeviceRenderer, SettingsOf};
-pub use start_up::{ChildFailed, Contrast, StartUp, StartUps, first_sample_of};
-pub use tune::{Frozen, Measured, Plan, Tuned, tune};
+pub use start_up::{ChildFailed, Contrast, FirstSample, StartUp, StartUps, first_sample_of};
+pub use tune::{Frozen, Measured, Plan, TuningStudy, tune};
 pub use tuning::{Key as TuningKey, Tuning, describe};

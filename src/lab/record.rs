@@ -5,25 +5,20 @@ use serde_json::{Map, Value, json};
 use crate::gpu::DeviceDescription;
 use crate::render::Statistics;
 use crate::scene::Scene;
-use crate::settings::{self, Fetch, Settings};
+use crate::settings::{self, Settings};
 
 /// Every setting of a render by its key, with what was chosen where it was left open, and how far the render came.
 pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<String, Value> {
     let resolved = Settings {
         samples: statistics.samples,
-        scheduler: Some(statistics.scheduler),
-        bvh: Some(statistics.bvh),
-        fetch: Some(if statistics.texel_fetch { Fetch::Texel } else { Fetch::Storage }),
-        packets: Some(settings.packets.unwrap_or_default()),
         in_flight: Some(statistics.paths_in_flight),
-        workgroup_size: Some(statistics.workgroup_size),
         paths_per_invocation: Some(statistics.paths_per_invocation),
-        ..*settings
+        ..statistics.choices.settle(settings)
     };
     let mut map = settings::record(&resolved);
     map.extend(object(json!({
         "biased_by": settings.biased_by(),
-        "tuned": settings.tuned,
+        "tuned": statistics.choices.tuned,
         "finished_rows_pixels": statistics.rows,
         "samples_by_rows": samples_by_rows(statistics),
         "tile_rows_pixels": statistics.tile_rows,

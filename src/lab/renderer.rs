@@ -11,7 +11,7 @@ use anyhow::{Context, anyhow};
 use super::host::{memory, sign};
 use super::kernels::{compiled_kernels, stage};
 use super::record::settings_record;
-use super::start_up::{Contrast, StartUp};
+use super::start_up::{Contrast, FirstSample, StartUp};
 use super::tuning::Tuning;
 use crate::bvh::BvhKind;
 use crate::clocks::{self, Clocks};
@@ -99,15 +99,16 @@ struct OpenScene {
     /// `None` for the built-in one.
     path: Option<PathBuf>,
     settings: Settings,
-    tuning: Tuning,
+    /// What suits the device, and what a tuning found for scenes of the size.
+    defaults: Defaults,
     /// By the shape of its BVH, as far as configurations have asked for it.
     prepared: HashMap<BvhKind, PreparedScene>,
 }
 
 impl OpenScene {
     /// The scene with the BVH that the settings ask for or else suits the device.
-    fn prepare(&mut self, settings: &Settings, defaults: &Defaults) -> Result<&PreparedScene, PrepareError> {
-        let kind = defaults.bvh(settings, self.scene.mesh.triangles.len());
+    fn prepare(&mut self, settings: &Settings) -> Result<&PreparedScene, PrepareError> {
+        let kind = self.defaults.bvh(settings, self.scene.mesh.triangles.len());
         match self.prepared.entry(kind) {
             Entry::Occupied(entry) => Ok(entry.into_mut()),
             Entry::Vacant(entry) => Ok(entry.insert(PreparedScene::with_bvh(&self.scene, kind)?)),
@@ -148,8 +149,9 @@ impl DeviceRenderer {
             true => Tuning::of_scene(self.device.description(), &scene, &mut self.asked.warn),
             false => Tuning::default(),
         };
-        let mut open = OpenScene { path, scene, settings, tuning, prepared: HashMap::new() };
-        let prepared = open.prepare(&settings, &self.defaults)?;
+        let defaults = self.defaults.with(tuning.chosen());
+        let mut open = OpenScene { path, scene, settings, defaults, prepared: HashMap::new() };
+        let prepared = open.prepare(&settings)?;
         let facts = SceneFacts {
             scene: name,
             scene_hash: hash,
@@ -166,22 +168,23 @@ impl DeviceRenderer {
 
     fn render(&mut self, configuration: &Configuration, purpose: Purpose) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let mut settings = configuration.of(scene.settings).map_err(|problem| anyhow!(problem))?;
-        scene.tuning.apply(&mut settings, &self.defaults);
+        let settings = configuration.of(scene.settings).map_err(|problem| anyhow!(problem))?;
+        let options = SessionOptions { tuned: scene.defaults.tuned, ..SessionOptions::default() };
         let key = configuration.to_string();
         match purpose {
-            Purpose::First => self.render_first(settings, key),
+            Purpose::First => self.render_first(settings, options, key),
             Purpose::Timed => {
                 let session = self.sessions.get_mut(&key).context("a configuration is timed after its first render")?;
                 let ((), measured) = self.pulse.time(session, &settings, |session| Ok(((), session.time()?)))?;
                 Ok(measured)
             }
-            Purpose::Seeded(seed) => self.render_seeded(settings, &configuration.without("samples").to_string(), seed),
+            Purpose::Seeded(seed) => {
+                self.render_seeded(settings, options, &configuration.without("samples").to_string(), seed)
+            }
             Purpose::Counting => {
-                let options = SessionOptions { counting: true, ..SessionOptions::default() };
+                let options = SessionOptions { counting: true, ..options };
                 let lanes = self.device.description().subgroup_size;
-                let mut session =
-                    Session::with_options(&self.device, scene.prepare(&settings, &self.defaults)?, &settings, options)?;
+                let mut session = Session::with_options(&self.device, scene.prepare(&settings)?, &settings, options)?;
                 let (image, statistics) = session.render_image()?;
                 let counters = Some(work_counters(&statistics.work_counts, lanes));
                 // Counting kernels are exact: they have another image where the others are not.
@@ -192,10 +195,15 @@ impl DeviceRenderer {
     }
 
     /// The first render of a configuration: from nothing to an image.
-    fn render_first(&mut self, settings: Settings, key: String) -> anyhow::Result<Measurement> {
+    fn render_first(
+        &mut self,
+        settings: Settings,
+        options: SessionOptions,
+        key: String,
+    ) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let prepared = scene.prepare(&settings, &self.defaults)?;
-        let mut session = Session::new(&self.device, prepared, &settings)?;
+        let prepared = scene.prepare(&settings)?;
+        let mut session = Session::with_options(&self.device, prepared, &settings, options)?;
         let (image, statistics) = session.render_image()?;
         let mut measured = measurement(&settings, &statistics);
         measured.settings = settings_record(&settings, &statistics);
@@ -207,9 +215,15 @@ impl DeviceRenderer {
     }
 
     /// A render by the random numbers of a seed, with the session that all numbers of samples share.
-    fn render_seeded(&mut self, settings: Settings, key: &str, seed: u32) -> anyhow::Result<Measurement> {
+    fn render_seeded(
+        &mut self,
+        settings: Settings,
+        options: SessionOptions,
+        key: &str,
+        seed: u32,
+    ) -> anyhow::Result<Measurement> {
         let scene = self.scene.as_mut().context("a scene is opened before it is rendered")?;
-        let prepared = scene.prepare(&settings, &self.defaults)?;
+        let prepared = scene.prepare(&settings)?;
         if !self.sessions.contains_key(key) {
             let held: u64 = self.sessions.values().map(Session::memory_bytes).sum();
             if held > self.sessions_bytes {
@@ -217,7 +231,8 @@ impl DeviceRenderer {
                 self.newest.take().and_then(|newest| self.sessions.remove(&newest));
             }
             let roomy = Settings { samples: settings.samples.max(ROOMY_SAMPLES), ..settings };
-            self.sessions.insert(key.to_owned(), Session::new(&self.device, prepared, &roomy)?);
+            let session = Session::with_options(&self.device, prepared, &roomy, options)?;
+            self.sessions.insert(key.to_owned(), session);
             self.newest = Some(key.to_owned());
         }
         let session = self.sessions.get_mut(key).context("the session is open")?;
@@ -229,8 +244,9 @@ impl DeviceRenderer {
     /// Measures start-up in processes of its own. Without it a comparison is still worth its while.
     fn start_up(&mut self, settings: &Settings, measured: &mut Measurement) {
         let Some(start_up) = &self.asked.start_up else { return };
-        let path = self.scene.as_ref().and_then(|scene| scene.path.as_deref());
-        match start_up.measure(path, settings) {
+        let Some(scene) = &self.scene else { return };
+        let first = FirstSample { settings: *settings, tuned: scene.defaults.tuned };
+        match start_up.measure(scene.path.as_deref(), &first) {
             Ok(start_ups) => {
                 let Contrast { cold, cached } = start_ups.seconds();
                 measured.cold_start_up_seconds = Some(cold.value);
@@ -355,7 +371,7 @@ fn path_state_bytes(settings: &Settings, statistics: &Statistics) -> u64 {
     let shadows = 2 * 3 * 16 * statistics.shadow_rays + gathered;
     // The radiance that resolve reads.
     let resolved = 16 * samples;
-    match statistics.scheduler {
+    match statistics.choices.scheduler {
         Scheduler::Megakernel => 16 * samples + resolved,
         Scheduler::Bounce => {
             // Bounce reads a queue entry, origin, direction and throughput, and writes them of what

@@ -16,7 +16,7 @@ use serde_json::{Map, Value};
 use super::kernels::stage;
 use super::record::record;
 use crate::gpu::Device;
-use crate::render::{Defaults, PreparedScene, Session};
+use crate::render::{Defaults, PreparedScene, Session, SessionOptions, Tuned};
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::stats::Estimate;
@@ -71,6 +71,15 @@ pub struct Contrast {
     pub cached: Estimate,
 }
 
+/// What such a process renders a sample of.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct FirstSample {
+    /// As they were asked for.
+    pub settings: Settings,
+    /// What a tuning chose for what they leave open.
+    pub tuned: Option<Tuned>,
+}
+
 /// How start-up is measured: by processes that render one sample of a scene.
 #[derive(Debug, Clone)]
 pub struct StartUp {
@@ -97,9 +106,9 @@ impl StartUp {
     ///
     /// # Errors
     /// A process that cannot be started, or fails.
-    pub fn measure(&self, scene: Option<&Path>, settings: &Settings) -> anyhow::Result<StartUps> {
+    pub fn measure(&self, scene: Option<&Path>, first: &FirstSample) -> anyhow::Result<StartUps> {
         let folder = tempfile::tempdir().context("no folder can be made for caches")?;
-        let settings = serde_json::to_vec(settings).context("settings become JSON")?;
+        let first = serde_json::to_vec(first).context("settings become JSON")?;
         let start = |cold: bool| {
             let mut command = Command::new(&self.program);
             command.arg("first-sample").args(self.device.as_ref().map(|name| format!("--device={name}")));
@@ -112,7 +121,7 @@ impl StartUp {
                     command.env_remove(name)
                 };
             }
-            run(command, &settings)
+            run(command, &first)
         };
         start(false)?;
         let mut measured = StartUps { cold: Vec::new(), cached: Vec::new() };
@@ -125,12 +134,12 @@ impl StartUp {
 }
 
 /// Runs a process to the line that it writes when it has its first sample.
-fn run(mut command: Command, settings: &[u8]) -> anyhow::Result<Run> {
+fn run(mut command: Command, first: &[u8]) -> anyhow::Result<Run> {
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let start = Instant::now();
     let mut child = command.spawn().context("this program cannot be started anew")?;
     // A child that has died says why on stderr.
-    let _ = child.stdin.take().expect("stdin is a pipe").write_all(settings);
+    let _ = child.stdin.take().expect("stdin is a pipe").write_all(first);
     let mut line = String::new();
     let read = BufReader::new(child.stdout.take().expect("stdout is a pipe")).read_line(&mut line);
     let seconds = start.elapsed().as_secs_f64();
@@ -151,10 +160,12 @@ fn run(mut command: Command, settings: &[u8]) -> anyhow::Result<Run> {
 ///
 /// # Errors
 /// A device that fails.
-pub fn first_sample_of(scene: &Scene, settings: &Settings, device: &Device) -> anyhow::Result<String> {
-    let prepared = PreparedScene::for_device(scene, settings, &Defaults::of(device)?)?;
-    let settings = Settings { samples: 1, ..*settings };
-    let mut session = Session::new(device, &prepared, &settings)?;
+pub fn first_sample_of(scene: &Scene, first: &FirstSample, device: &Device) -> anyhow::Result<String> {
+    let defaults = Defaults::of(device)?.with(first.tuned);
+    let prepared = PreparedScene::for_device(scene, &first.settings, &defaults)?;
+    let settings = Settings { samples: 1, ..first.settings };
+    let options = SessionOptions { tuned: first.tuned, ..SessionOptions::default() };
+    let mut session = Session::with_options(device, &prepared, &settings, options)?;
     let outcome = session.render(|_| ControlFlow::Continue(()))?;
     let told = Told {
         settings: record(scene, &settings, device.description(), &outcome.statistics),

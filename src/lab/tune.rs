@@ -15,7 +15,8 @@ use crate::bvh::BvhKind;
 use crate::gpu::{Device, DeviceKind, GpuError};
 use crate::rays::{RayClass, RayOrder, RayRecord};
 use crate::render::{
-    Defaults, FrozenRays, PrepareError, PreparedScene, RenderError, Replay, Session, Traversal, WarmUp, Warmth,
+    Choices, Defaults, FrozenRays, PrepareError, PreparedScene, RenderError, Replay, SceneLevels, Session, Traversal,
+    WarmUp, Warmth,
 };
 use crate::scene::Scene;
 use crate::settings::{Fetch, Packets, Scheduler, Settings};
@@ -45,7 +46,7 @@ pub struct Frozen {
 /// A way to trace a class of rays, measured.
 #[derive(Debug, Clone)]
 pub struct Measured {
-    /// Place of the class in [`Tuned::frozen`].
+    /// Place of the class in [`TuningStudy::frozen`].
     pub class: usize,
     /// The way.
     pub traversal: Traversal,
@@ -56,7 +57,7 @@ pub struct Measured {
 /// A way to trace all classes in one render.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// For each class, the place in [`Tuned::measured`] of the fastest way that one render can have with the others.
+    /// For each class, the place in [`TuningStudy::measured`] of the fastest way that one render can have with the others.
     pub ways: Vec<usize>,
     /// Seconds of a ray, by round: the mean over the classes by their shares.
     pub seconds: Vec<f64>,
@@ -64,7 +65,7 @@ pub struct Plan {
 
 /// What was measured, and what is chosen for it.
 #[derive(Debug, Clone)]
-pub struct Tuned {
+pub struct TuningStudy {
     /// Of the small render whose rays were frozen.
     pub settings: Settings,
     /// The classes of rays that there are.
@@ -91,7 +92,7 @@ pub fn tune(
     settings: &Settings,
     rounds: usize,
     warn: &mut dyn FnMut(&str),
-) -> anyhow::Result<Tuned> {
+) -> anyhow::Result<TuningStudy> {
     let default = default_traversal(device, settings, scene)?;
     let mut scenes = HashMap::from([(default.bvh, PreparedScene::with_bvh(scene, default.bvh)?)]);
     for kind in BvhKind::all_of(scene.mesh.triangles.len()) {
@@ -117,10 +118,10 @@ pub fn tune(
     let own = plans.iter().position(|plan| measured[plan.ways[0]].traversal.shared() == default.shared());
     let own = own.context("the default cannot be measured on this device")?;
     let chosen = choose(&plans, own);
-    Ok(Tuned { settings, frozen, measured, plans, own, chosen, warmth })
+    Ok(TuningStudy { settings, frozen, measured, plans, own, chosen, warmth })
 }
 
-impl Tuned {
+impl TuningStudy {
     /// The choice, to be kept.
     pub fn tuning(&self) -> Tuning {
         let tuned = |way: &usize| {
@@ -167,12 +168,10 @@ fn speed_up(plan: &Plan, other: &Plan) -> Estimate {
 /// How rays are traced where nothing is tuned.
 fn default_traversal(device: &Device, settings: &Settings, scene: &Scene) -> Result<Traversal, GpuError> {
     let defaults = Defaults::of(device)?;
-    Ok(Traversal {
-        bvh: defaults.bvh(settings, scene.mesh.triangles.len()),
-        fetch: defaults.fetch,
-        workgroup_size: device.description().max_workgroup_size.min(Defaults::WORKGROUP),
-        packets: false,
-    })
+    let bvh = defaults.bvh(settings, scene.mesh.triangles.len());
+    let Choices { fetch, workgroup_size, .. } = defaults.choose(settings, bvh, SceneLevels::default());
+    let workgroup_size = workgroup_size.min(device.description().max_workgroup_size);
+    Ok(Traversal { bvh, fetch, workgroup_size, packets: false })
 }
 
 /// The same picture of fewer pixels, all samples of which are in flight at once.
@@ -369,12 +368,12 @@ mod tests {
         (measured.collect(), frozen.to_vec())
     }
 
-    fn tuned(camera: [f64; 4], bounce: [f64; 4]) -> Tuned {
+    fn tuned(camera: [f64; 4], bounce: [f64; 4]) -> TuningStudy {
         let (measured, frozen) = measured(camera, bounce);
         let plans = plans(&measured, &frozen);
         let chosen = choose(&plans, 0);
         let settings = Settings::default();
-        Tuned { settings, frozen, measured, plans, own: 0, chosen, warmth: Warmth::default() }
+        TuningStudy { settings, frozen, measured, plans, own: 0, chosen, warmth: Warmth::default() }
     }
 
     #[test]

@@ -16,9 +16,9 @@ use super::host::cache_folder;
 use crate::bvh::BvhKind;
 use crate::gpu::DeviceDescription;
 use crate::rays::RayClass;
-use crate::render::{Defaults, SceneLevels, Statistics, Traversal};
+use crate::render::{Choices, Traversal, Tuned};
 use crate::scene::Scene;
-use crate::settings::{Fetch, Named, Packets, Scheduler, Settings};
+use crate::settings::{Fetch, Named, Packets};
 use crate::whole_file;
 
 /// How to trace rays, by class; of no class where nothing is tuned.
@@ -113,24 +113,10 @@ impl Tuning {
         })
     }
 
-    /// Chooses what the settings leave open on a device of such defaults. The workgroup was measured with the wavefront's
-    /// kernels, and is for them alone.
-    pub fn apply(&self, settings: &mut Settings, defaults: &Defaults) {
-        let Some(Traversal { bvh, fetch, workgroup_size, .. }) = self.shared() else { return };
-        // Whether it is the wavefront does not depend on the scene.
-        let wavefront = defaults.scheduler(settings, SceneLevels::default()) == Scheduler::Wavefront;
-        let workgroup = wavefront && settings.workgroup_size.is_none();
-        // Where no class is faster in packets nothing is said of them: it would ask for queues.
-        let packets = settings.packets.is_none() && self.packets() != Packets::default();
-        settings.tuned = workgroup || packets || settings.bvh.is_none() || settings.fetch.is_none();
-        settings.bvh.get_or_insert(bvh);
-        settings.fetch.get_or_insert(fetch);
-        if packets {
-            settings.packets = Some(self.packets());
-        }
-        if workgroup {
-            settings.workgroup_size = Some(workgroup_size);
-        }
+    /// What stands in for what settings leave open; `None` where nothing is tuned.
+    pub fn chosen(&self) -> Option<Tuned> {
+        let Traversal { bvh, fetch, workgroup_size, .. } = self.shared()?;
+        Some(Tuned { bvh, fetch, workgroup_size, packets: self.packets() })
     }
 
     /// The classes of rays that are traced by packets.
@@ -228,14 +214,9 @@ pub fn describe(Traversal { bvh, fetch, workgroup_size, .. }: &Traversal, packet
 }
 
 /// The way in which a render's rays were traced, for people.
-pub fn in_words(settings: &Settings, statistics: &Statistics) -> String {
-    let traversal = Traversal {
-        bvh: statistics.bvh,
-        fetch: if statistics.texel_fetch { Fetch::Texel } else { Fetch::Storage },
-        workgroup_size: statistics.workgroup_size,
-        packets: false,
-    };
-    describe(&traversal, settings.packets.unwrap_or_default())
+pub fn in_words(choices: &Choices) -> String {
+    let Choices { bvh, fetch, workgroup_size, packets, .. } = *choices;
+    describe(&Traversal { bvh, fetch, workgroup_size, packets: false }, packets)
 }
 
 #[cfg(test)]
@@ -310,28 +291,10 @@ mod tests {
     }
 
     #[test]
-    fn what_the_user_sets_stands() {
-        let open = Settings::of(&Scene::cornell_box());
-        let apply = |mut settings: Settings| {
-            tuning().apply(&mut settings, &Defaults::GPU);
-            (settings.bvh, settings.fetch, settings.workgroup_size, settings.tuned)
-        };
-        let (bvh, fetch) = (Some(BvhKind::Bvh4), Some(Fetch::Storage));
-        assert_eq!(apply(Settings { workgroup_size: Some(8), ..open }), (bvh, fetch, Some(8), true));
-        for scheduler in [None, Some(Scheduler::Bounce), Some(Scheduler::Megakernel)] {
-            assert_eq!(apply(Settings { scheduler, ..open }), (bvh, fetch, None, true));
-        }
-        let wavefront = Settings { scheduler: Some(Scheduler::Wavefront), ..open };
-        assert_eq!(apply(wavefront), (bvh, fetch, Some(64), true));
-        let packets = Some(Packets { shadow: true, ..Packets::default() });
-        let set =
-            Settings { bvh: Some(BvhKind::Bvh2), fetch: Some(Fetch::Texel), workgroup_size: Some(8), packets, ..open };
-        assert_eq!(apply(set), (set.bvh, set.fetch, Some(8), false));
-        let mut tuned = open;
-        tuning().apply(&mut tuned, &Defaults::GPU);
-        assert_eq!(tuned.packets, Some(Packets { camera: true, ..Packets::default() }));
-        let mut untuned = open;
-        Tuning::default().apply(&mut untuned, &Defaults::GPU);
-        assert_eq!(untuned, open);
+    fn a_render_takes_what_its_classes_share_and_their_packets() {
+        let packets = Packets { camera: true, ..Packets::default() };
+        let chosen = Tuned { bvh: BvhKind::Bvh4, fetch: Fetch::Storage, workgroup_size: 64, packets };
+        assert_eq!(tuning().chosen(), Some(chosen));
+        assert_eq!(Tuning::default().chosen(), None);
     }
 }

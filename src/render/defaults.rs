@@ -1,13 +1,16 @@
-//! What a render takes of a device where the user does not say: the one home of such choices.
+//! What a render takes where its settings leave a choice open: the one home of such choices.
 //!
-//! They follow what the device is, and of software what was measured of it ([`crate::facts`]); never a driver's name
-//! or version. [`Defaults::of`] asks a device; the choices themselves are arithmetic and are tested without one.
+//! They follow a tuning, where there is one, then what the device is, and on software what was measured of it
+//! ([`crate::facts`]); never a driver's name or version. [`Defaults::of`] asks a device; [`Defaults::choose`] is
+//! arithmetic and is tested without one.
+
+use serde::{Deserialize, Serialize};
 
 use super::plan::SceneLevels;
 use crate::bvh::{BvhKind, MAX_LISTED};
 use crate::facts::{self, Facts};
 use crate::gpu::{Device, GpuError};
-use crate::settings::{Fetch, Scheduler, Settings, ShadowRays, Sort};
+use crate::settings::{Fetch, Packets, Scheduler, Settings, ShadowRays, Sort};
 use crate::shaders::{Access, Form, Forms};
 
 /// What the defaults of a device hang on.
@@ -25,6 +28,52 @@ pub struct Defaults {
     pub loop_turns: Option<u32>,
     /// Bytes of the heap that buffers lie in.
     pub memory_bytes: u64,
+    /// What a tuning found fastest on the device for scenes of the size, if there is one.
+    pub tuned: Option<Tuned>,
+}
+
+/// What a tuning chooses. It stands in for what settings leave open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Tuned {
+    /// Shape of the BVH.
+    pub bvh: BvhKind,
+    /// How kernels read the scene's buffers.
+    pub fetch: Fetch,
+    /// Invocations of a workgroup, of the wavefront's kernels only: they were measured.
+    pub workgroup_size: u32,
+    /// Classes of rays that are traced in packets.
+    pub packets: Packets,
+}
+
+/// How a render is done: what its settings asked for and, where they left it open, what was chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Choices {
+    /// How the work is cut into kernels.
+    pub scheduler: Scheduler,
+    /// Shape of the BVH.
+    pub bvh: BvhKind,
+    /// How kernels read the scene's buffers.
+    pub fetch: Fetch,
+    /// Classes of rays that are traced in packets.
+    pub packets: Packets,
+    /// Invocations of a workgroup.
+    pub workgroup_size: u32,
+    /// Whether a tuning chose some of it.
+    pub tuned: bool,
+}
+
+impl Choices {
+    /// The settings with these choices made.
+    pub fn settle(&self, settings: &Settings) -> Settings {
+        Settings {
+            scheduler: Some(self.scheduler),
+            bvh: Some(self.bvh),
+            fetch: Some(self.fetch),
+            packets: Some(self.packets),
+            workgroup_size: Some(self.workgroup_size),
+            ..*settings
+        }
+    }
 }
 
 /// How rays are traced: what a tuning chooses. Whatever it is, the image stays the same to the last bit.
@@ -71,6 +120,7 @@ impl Defaults {
         forms: Forms::CAREFUL,
         loop_turns: None,
         memory_bytes: u64::MAX,
+        tuned: None,
     };
 
     /// Invocations of a workgroup, where a device has so many.
@@ -111,7 +161,43 @@ impl Defaults {
             forms: forms(&facts),
             loop_turns: facts.loop_turns,
             memory_bytes: description.memory_bytes,
+            tuned: None,
         })
+    }
+
+    /// The same where a tuning was found.
+    #[must_use]
+    pub fn with(self, tuned: Option<Tuned>) -> Self {
+        Self { tuned, ..self }
+    }
+
+    /// Makes every choice that the settings leave open, for a scene with such a BVH and such levels.
+    pub fn choose(&self, settings: &Settings, bvh: BvhKind, levels: SceneLevels) -> Choices {
+        let scheduler = self.scheduler(settings, levels);
+        let packets = self.packets(settings);
+        let workgroup = self.tuned.filter(|_| scheduler == Scheduler::Wavefront).map(|tuned| tuned.workgroup_size);
+        let is_open = settings.bvh.is_none()
+            || settings.fetch.is_none()
+            || (settings.packets.is_none() && packets.is_some())
+            || (settings.workgroup_size.is_none() && workgroup.is_some());
+        Choices {
+            scheduler,
+            bvh,
+            fetch: self.fetch(settings),
+            packets: packets.unwrap_or_default(),
+            workgroup_size: settings.workgroup_size.or(workgroup).unwrap_or(Self::WORKGROUP),
+            tuned: self.tuned.is_some() && is_open,
+        }
+    }
+
+    fn fetch(&self, settings: &Settings) -> Fetch {
+        settings.fetch.or(self.tuned.map(|tuned| tuned.fetch)).unwrap_or(self.fetch)
+    }
+
+    /// `None` where neither settings nor tuning ask for any: to ask for none asks for queues too.
+    fn packets(&self, settings: &Settings) -> Option<Packets> {
+        let tuned = self.tuned.map(|tuned| tuned.packets).filter(|packets| *packets != Packets::default());
+        settings.packets.or(tuned)
     }
 
     /// How the work is cut for a scene of those levels.
@@ -138,7 +224,7 @@ impl Defaults {
             return self.loop_turns.is_none() || bounces <= Self::COUNTABLE_BOUNCES;
         }
         // The megakernel has none of the rays that these are said of.
-        let asks_for_queues = settings.packets.is_some() || settings.shadow_rays == ShadowRays::AtOnce;
+        let asks_for_queues = self.packets(settings).is_some() || settings.shadow_rays == ShadowRays::AtOnce;
         let paths = u64::from(settings.width) * u64::from(settings.height) * u64::from(settings.samples);
         self.safe_paths_per_invocation(settings, levels) >= Self::MANY_FOLLOWED
             && paths >= Self::MANY_PATHS
@@ -154,12 +240,12 @@ impl Defaults {
             (true, _) => BvhKind::Cwbvh,
             (false, _) => BvhKind::Bvh2,
         };
-        settings.bvh.unwrap_or(default)
+        settings.bvh.or(self.tuned.map(|tuned| tuned.bvh)).unwrap_or(default)
     }
 
     /// How kernels reach memory, as far as the device can.
     pub fn access(&self, settings: &Settings) -> Access {
-        Access { texel_fetch: settings.fetch.unwrap_or(self.fetch) == Fetch::Texel, subgroup_ballot: true }
+        Access { texel_fetch: self.fetch(settings) == Fetch::Texel, subgroup_ballot: true }
     }
 
     /// Paths in flight, each with so many bytes of state.
@@ -205,6 +291,7 @@ impl Defaults {
         forms: Forms::NATIVE,
         loop_turns: Some(65_535),
         memory_bytes: 1 << 31,
+        tuned: None,
     };
 }
 
@@ -284,6 +371,43 @@ mod tests {
         assert_eq!(paths(Some(8), deep, Defaults::GPU), 1);
         // A small image has an invocation for each path.
         assert_eq!(UNLIMITED.paths_per_invocation(&few(), LIST, 64 * 64), 1);
+    }
+
+    #[test]
+    fn a_tuning_chooses_what_settings_leave_open() {
+        let packets = Packets { camera: true, ..Packets::default() };
+        let tuned = Tuned { bvh: BvhKind::Bvh4, fetch: Fetch::Storage, workgroup_size: 64, packets };
+        let device = Defaults::GPU.with(Some(tuned));
+        let choose = |settings: Settings| {
+            let bvh = device.bvh(&settings, 1000);
+            let choices = device.choose(&settings, bvh, TREE);
+            assert_eq!(choices.settle(&settings).bvh, Some(choices.bvh));
+            (choices.bvh, choices.fetch, choices.workgroup_size, choices.packets, choices.tuned)
+        };
+        let open = few();
+        for scheduler in [None, Some(Scheduler::Bounce), Some(Scheduler::Megakernel)] {
+            // The workgroup was measured with the wavefront's kernels.
+            let chosen = choose(Settings { scheduler, ..open });
+            assert_eq!(chosen, (BvhKind::Bvh4, Fetch::Storage, Defaults::WORKGROUP, packets, true));
+        }
+        let wavefront = Settings { scheduler: Some(Scheduler::Wavefront), ..open };
+        assert_eq!(choose(wavefront).2, 64);
+        assert_eq!(choose(Settings { workgroup_size: Some(8), ..wavefront }).2, 8);
+        let shadow = Packets { shadow: true, ..Packets::default() };
+        let all = Settings {
+            bvh: Some(BvhKind::Bvh2),
+            fetch: Some(Fetch::Texel),
+            workgroup_size: Some(8),
+            packets: Some(shadow),
+            ..open
+        };
+        assert_eq!(choose(all), (BvhKind::Bvh2, Fetch::Texel, 8, shadow, false));
+        let untuned = Defaults::GPU.choose(&open, BvhKind::Bvh2, TREE);
+        assert_eq!((untuned.packets, untuned.tuned), (Packets::default(), false));
+        // A tuning without packets asks for no queues.
+        let single = Defaults { tuned: Some(Tuned { packets: Packets::default(), ..tuned }), ..LIMITED };
+        assert_eq!(single.scheduler(&many(), TREE), Scheduler::Megakernel);
+        assert_eq!(LIMITED.with(Some(tuned)).scheduler(&many(), TREE), Scheduler::Bounce);
     }
 
     #[test]

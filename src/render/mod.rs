@@ -27,7 +27,7 @@ mod traced;
 mod warm_up;
 
 pub use buffers::scene_buffers;
-pub use defaults::{Defaults, Traversal};
+pub use defaults::{Choices, Defaults, Traversal, Tuned};
 pub use dump::QueuedRays;
 pub use error::RenderError;
 pub use faults::{Fault, find_faults};

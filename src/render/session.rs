@@ -9,7 +9,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::buffers::{path_buffers, path_records, scene_buffers};
-use super::defaults::Defaults;
+use super::defaults::{Choices, Defaults, Tuned};
 use super::error::RenderError;
 use super::kept::{Kept, moments, total};
 use super::pace::Pace;
@@ -18,13 +18,12 @@ use super::prepare::PreparedScene;
 use super::schedule::{Schedule, Work};
 use super::statistics::{Outcome, Statistics, scattered_rays};
 use super::traced::{DeviceTrace, Gathering};
-use crate::bvh::BvhKind;
 use crate::film::FilmMoments;
 use crate::gpu::{CompiledKernel, Device, Executor, ExecutorDescription, GpuError, Idle};
 use crate::image::Image;
 use crate::layout::{Control, FilmPixel, RayCount, WorkCount};
 use crate::recording::Recording;
-use crate::settings::{Numerics, Packets, Scheduler, Settings};
+use crate::settings::{Fetch, Numerics, Packets, Settings};
 use crate::shaders::{Access, Arithmetic, Edition, Forms, Kernel, Library, buffers};
 
 /// How far a render is.
@@ -60,6 +59,8 @@ pub struct SessionOptions {
     pub forms: Option<Forms>,
     /// Functions that stand for the driver's own operations, for tests of what other drivers do.
     pub driver: Option<&'static Library>,
+    /// What a tuning chose, for what the settings leave open.
+    pub tuned: Option<Tuned>,
     /// Most bytes of film that the device holds at once; `None` is what fits a buffer. The image is
     /// the same.
     pub film_bytes: Option<u64>,
@@ -96,8 +97,7 @@ pub struct Session {
     pub(super) plan: Plan,
     pub(super) settings: Settings,
     pub(super) schedule: Schedule,
-    scheduler: Scheduler,
-    bvh: BvhKind,
+    choices: Choices,
     counting: bool,
     /// Kernel radiance per unit of scene radiance.
     radiance_scale: f64,
@@ -133,22 +133,23 @@ impl Session {
     ) -> Result<Self, RenderError> {
         let limits = limits(device);
         let max_film_bytes = options.film_bytes.unwrap_or(limits.max_film_bytes);
-        let defaults = Defaults::of(device)?;
-        let (levels, needs) = (scene.levels(), scene.needs(settings));
-        let scheduler = defaults.scheduler(settings, levels);
+        let defaults = Defaults::of(device)?.with(options.tuned);
+        let levels = scene.levels();
+        let choices = defaults.choose(settings, scene.bvh.kind, levels);
+        let settings = &choices.settle(settings);
+        let needs = scene.needs(settings);
         let limits = DeviceLimits { max_film_bytes, ..limits };
         let state_bytes = path_records(settings.sort, &needs).iter().map(|(_, bytes)| bytes).sum();
         let demands = SceneDemands { levels, stack_bytes: needs.stack_bytes(1), state_bytes };
-        let plan = Plan::new(settings, scheduler, &demands, &limits, &defaults);
-        let schedule = Schedule::new(scheduler, settings, &needs, &plan);
+        let plan = Plan::new(settings, choices.scheduler, &demands, &limits, &defaults);
+        let schedule = Schedule::new(choices.scheduler, settings, &needs, &plan);
         let executor = open_executor(device, scene, settings, &plan, &schedule.kernels(), options)?;
         Ok(Self {
             executor,
             plan,
             settings: *settings,
             schedule,
-            scheduler,
-            bvh: scene.bvh.kind,
+            choices,
             counting: options.counting,
             radiance_scale: scene.radiance_scale,
             pace: Pace::new(plan.pixels()),
@@ -606,12 +607,13 @@ impl Session {
             passes: BTreeMap::new(),
             ray_counts: Vec::new(),
             memory_bytes: self.executor.memory_bytes(),
-            scheduler: self.scheduler,
+            choices: Choices {
+                fetch: if self.executor.access().texel_fetch { Fetch::Texel } else { Fetch::Storage },
+                workgroup_size: self.plan.workgroup_size,
+                ..self.choices
+            },
             paths_in_flight: self.plan.path_capacity,
-            workgroup_size: self.plan.workgroup_size,
             paths_per_invocation: self.plan.paths_per_invocation,
-            bvh: self.bvh,
-            texel_fetch: self.executor.access().texel_fetch,
             work_counts: Vec::new(),
         }
     }

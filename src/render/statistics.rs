@@ -3,13 +3,12 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use super::defaults::Choices;
 use super::plan::Band;
-use crate::bvh::BvhKind;
 use crate::film::FilmMoments;
 use crate::gpu::{Idle, KernelTime};
 use crate::image::Image;
 use crate::layout::{RayCount, WorkCount};
-use crate::settings::Scheduler;
 
 /// What a render leaves.
 #[derive(Debug)]
@@ -58,18 +57,12 @@ pub struct Statistics {
     pub ray_counts: Vec<RayCount>,
     /// Bytes of device memory.
     pub memory_bytes: u64,
-    /// How the work was cut into kernels.
-    pub scheduler: Scheduler,
+    /// How the render was done where its settings left a choice open.
+    pub choices: Choices,
     /// Path slots.
     pub paths_in_flight: u32,
-    /// Invocations of a workgroup.
-    pub workgroup_size: u32,
     /// Paths that an invocation of the megakernel followed.
     pub paths_per_invocation: u32,
-    /// Shape of the BVH.
-    pub bvh: BvhKind,
-    /// Whether scene buffers were read by texels.
-    pub texel_fetch: bool,
     /// Work by bounce and then by `STAGE_*`, of a session that counts; else empty.
     pub work_counts: Vec<WorkCount>,
 }

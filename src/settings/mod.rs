@@ -115,9 +115,6 @@ pub struct Settings {
     pub fast_math: bool,
     /// How kernels read the scene's buffers; `None` leaves it to the device.
     pub fetch: Option<Fetch>,
-    /// Whether a tuning chose some of what the user left open. For the record: what it chose stands
-    /// in the settings themselves.
-    pub tuned: bool,
     /// Whether kernels and buffers are for this scene alone. Without, they are for any, and the image
     /// is the same.
     pub specialize: bool,
@@ -153,7 +150,6 @@ impl Default for Settings {
             numerics: Numerics::Portable,
             fast_math: false,
             fetch: None,
-            tuned: false,
             specialize: true,
         }
     }
