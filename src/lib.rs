@@ -3,7 +3,7 @@
 //! [`Renderer`] takes a scene to an image, and to a record of what the image cost:
 //!
 //! ```no_run
-//! use raywave::{Renderer, gpu::Device, render::Settings, scene::Scene};
+//! use raywave::{Renderer, gpu::Device, scene::Scene, settings::Settings};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = Scene::load("scenes/cornell-box.toml".as_ref())?;

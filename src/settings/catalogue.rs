@@ -255,7 +255,8 @@ fn number(text: &str) -> Result<f64, String> {
 /// A count in a range whose least is -1 where there need be no bound.
 fn integer(text: &str, least: i64, most: u32) -> Result<i64, String> {
     let magnitude = parse_count(text.trim_start_matches('-')).and_then(|count| i64::try_from(count).ok());
-    let magnitude = magnitude.ok_or("invalid digit found in it; use a count such as 64 or 16k (k is 1024, M is 1024²)")?;
+    let magnitude =
+        magnitude.ok_or("invalid digit found in it; use a count such as 64 or 16k (k is 1024, M is 1024²)")?;
     let count = if text.starts_with('-') { -magnitude } else { magnitude };
     let fits = (least..=i64::from(most)).contains(&count);
     fits.then_some(count).ok_or_else(|| format!("{count} is not in {least}..={most}"))
