@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::{Camera, Environment, Material, Mesh, NONE, RenderDefaults, Scene, Surface, Triangle};
+use crate::settings::Settings;
 
 /// A scene in the making. Fronts are where corners run counter-clockwise.
 ///
@@ -32,10 +33,11 @@ pub struct SceneBuilder {
 }
 
 impl SceneBuilder {
-    /// Nothing yet, seen by a camera in an image of 512 x 512.
+    /// Nothing yet, seen by a camera in an image of the default size.
     pub fn new(camera: Camera) -> Self {
         let (materials, mesh) = Default::default();
-        Self { camera, width: 512, height: 512, environment: Environment::Black, materials, mesh }
+        let Settings { width, height, .. } = Settings::default();
+        Self { camera, width, height, environment: Environment::Black, materials, mesh }
     }
 
     /// The size of the image in pixels.

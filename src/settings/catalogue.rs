@@ -9,8 +9,8 @@ use std::str::FromStr;
 use serde_json::Map;
 
 use super::{
-    Fetch, Integrator, MAX_MATERIAL_BRANCHES, Name, Named, Numerics, Offsets, PathState, RouletteMode, Sampler,
-    Scheduler, Settings, ShadowRays, Sort,
+    Fetch, Integrator, MAX_MATERIAL_BRANCHES, Name, Named, Numerics, Offsets, Packets, PathState, RouletteMode,
+    Sampler, Scheduler, Settings, ShadowRays, Sort,
 };
 use crate::bvh::BvhKind;
 
@@ -32,14 +32,10 @@ pub enum Values {
     Names(fn() -> Vec<Name>),
     /// Off or on.
     Switch,
-    /// A count in this range.
+    /// A count.
     Count {
         /// The least.
         least: u32,
-        /// The most.
-        most: u32,
-        /// Whether -1 stands for no bound.
-        unbounded: bool,
     },
     /// A number from 0 up to, not including, 1.
     Probability,
@@ -172,12 +168,12 @@ impl Setting {
     pub fn allowed(&self) -> String {
         match self.values {
             Values::Names(_) | Values::Switch => format!("use {}", self.names().join(" or ")),
-            Values::Count { least, .. } => {
+            Values::Count { least } => {
                 format!("use a count from {least} on, such as 64 or 16k (k is 1024, M is 1024²)")
             }
             Values::Probability => "use a number from 0 up to, not including, 1".to_owned(),
             Values::PositiveOrOff => "use a number above 0, or off".to_owned(),
-            Values::RayClasses => "use none, or camera, bounce and shadow with + between them".to_owned(),
+            Values::RayClasses => Packets::ALLOWED.to_owned(),
         }
     }
 
@@ -324,7 +320,7 @@ macro_rules! counted {
         Setting {
             $($key: $value,)*
             ..Setting {
-                values: Values::Count { least: $least, most: $most, unbounded: false },
+                values: Values::Count { least: $least },
                 get: |settings| Value::Count(settings.$field),
                 set: |settings, text| count(text, $least, $most).map(|count| settings.$field = count),
                 ..PLAIN
@@ -339,7 +335,7 @@ macro_rules! counted_or_auto {
         Setting {
             $($key: $value,)*
             ..Setting {
-                values: Values::Count { least: $least, most: $most, unbounded: false },
+                values: Values::Count { least: $least },
                 get: |settings| settings.$field.map_or(Value::Auto, Value::Count),
                 set: |settings, text| count(text, $least, $most).map(|count| settings.$field = Some(count)),
                 ..PLAIN
@@ -407,7 +403,7 @@ pub static SETTINGS: &[Setting] = &[
         key: "max_bounces",
         help: "Scattering events between camera and light; -1 is unbounded and needs Russian roulette",
         meaning: "bounces of a path",
-        values: Values::Count { least: 0, most: 1_000_000, unbounded: true },
+        values: Values::Count { least: 0 },
         of_scene: true,
         role: Role::Workload,
         levels: &["2", "4", "8", "16"],

@@ -20,6 +20,9 @@ pub struct Packets {
 }
 
 impl Packets {
+    /// What their text can be, as advice to someone who wrote another.
+    pub const ALLOWED: &str = "use none, or camera, bounce and shadow with + between them";
+
     /// Whether rays of a class are in packets.
     pub fn has(self, class: RayClass) -> bool {
         match class {
@@ -59,7 +62,7 @@ impl FromStr for Packets {
         }
         text.split('+').try_fold(Self::default(), |packets, name| {
             let class = CLASSES.iter().find(|class| class.name() == name);
-            let class = class.ok_or("use none, or camera, bounce and shadow with + between them")?;
+            let class = class.ok_or(Self::ALLOWED)?;
             Ok(packets.with(*class, true))
         })
     }

@@ -17,9 +17,7 @@ use super::{
     text::one_line,
 };
 use crate::image::{Image, decode_image};
-
-/// Width and height of an image where the file names none.
-const RESOLUTION: [u32; 2] = [512, 512];
+use crate::settings::Settings;
 
 /// Makes the scene of the file at `path`, from which `import` was read.
 pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Result<Scene, SceneError> {
@@ -58,7 +56,8 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
     } else if is_dark {
         sources.warn(format!("{location}: nothing emits light; add a material with Ke or an [environment]"));
     }
-    let [width, height] = resolution.unwrap_or(RESOLUTION);
+    let Settings { width, height, .. } = Settings::default();
+    let [width, height] = resolution.unwrap_or([width, height]);
     let (hash, warnings) = sources.finish();
     Ok(Scene {
         name: one_line(&path.file_stem().unwrap_or_default().to_string_lossy()),

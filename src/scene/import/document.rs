@@ -23,7 +23,7 @@ use crate::scene::{
     text::{excerpt, name, one_line},
     transform::Transform,
 };
-use crate::settings::Named;
+use crate::settings::{Named, Settings};
 
 /// Imports a scene file with the meshes that it names.
 pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, SceneError> {
@@ -200,9 +200,13 @@ fn read(path: &Path, text: &str) -> Result<Document, SceneError> {
         let problem = "no [[mesh]]; add one that names an OBJ file";
         return Err(reader.refuse_file(problem.into()));
     }
+    let otherwise = Settings::default();
     Ok(Document {
         camera,
-        resolution: [reader.pixels("width", &raw.film.width)?, reader.pixels("height", &raw.film.height)?],
+        resolution: [
+            reader.pixels("width", &raw.film.width, otherwise.width)?,
+            reader.pixels("height", &raw.film.height, otherwise.height)?,
+        ],
         defaults: reader.defaults(&raw.render)?,
         meshes: raw.mesh.iter().map(|mesh| reader.mesh(mesh)).collect::<Result<_, _>>()?,
         overrides: raw.material.iter().map(|(name, keys)| reader.material(name, keys)).collect::<Result<_, _>>()?,
@@ -294,11 +298,10 @@ impl Reader<'_> {
         Ok(Camera { eye, target, up, vfov, aperture, focus })
     }
 
-    fn pixels(&self, key: &str, value: &Option<Spanned<i64>>) -> Result<u32, SceneError> {
-        const DEFAULT: u32 = 512;
+    fn pixels(&self, key: &str, value: &Option<Spanned<i64>>, default: u32) -> Result<u32, SceneError> {
         const LARGEST: i64 = 65536;
         let Some(value) = value else {
-            return Ok(DEFAULT);
+            return Ok(default);
         };
         let problem = format!("{key} is outside 1 to {LARGEST}; give pixels between them");
         let in_range = (1..=LARGEST).contains(value.get_ref());
