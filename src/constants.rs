@@ -176,6 +176,8 @@ specialization_constants! {
     has_textures: bool = true;
     /// Whether some triangle has shading normals.
     has_normals: bool = true;
+    /// Whether some triangle is so thin that rounding may move it past a ray's origin.
+    has_thin_triangles: bool = true;
     /// Whether the camera has a lens.
     has_lens: bool = true;
     /// Whether the camera is so far from the scene that its rays start nearer to it.

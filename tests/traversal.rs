@@ -191,6 +191,63 @@ fn own_scenes_are_traced_as_on_the_cpu_and_as_in_f64() {
     check(&device, &gallery(20_000), 40_000);
 }
 
+/// Ends of a long rod of many narrow faces, and rays that leave one of them near the edge to its neighbour.
+fn rays_off_slivers(bench: &Bench, count: usize, random: &mut Uniform) -> Vec<Query> {
+    let places = bench.scene.triangles.len();
+    let ray = |random: &mut Uniform| {
+        let [pick, along, across, tilt] = random.next::<4>().map(f64::from);
+        let place = (pick * places as f64) as usize;
+        let [a, b, c] = corners(bench, place);
+        // Within a ten-thousandth of a width of an edge, all of which stand out.
+        let near = 1e-4 * across;
+        let point = a.lerp(b, along).lerp(c, near * (1.0 - along)).as_vec3();
+        let normal = (b - a).cross(c - a).normalize();
+        let direction = random.direction();
+        let direction = (if direction.dot(normal) < 0.0 { -direction } else { direction }) + 0.1 * tilt * normal;
+        // As a path's rays do, from a rounding above the face.
+        let origin = point + (1.25 * 21.0 * 5.96e-8 * point.abs().element_sum()) * normal.as_vec3();
+        let mut query = Query::new(origin, direction.as_vec3());
+        query.leaves = place as u32;
+        query
+    };
+    (0..count).map(|_| ray(random)).collect()
+}
+
+/// A rod along x of `sides` faces.
+fn rod(sides: u32, radius: f64) -> Mesh {
+    let point = |side: u32, x: f64| {
+        let angle = std::f64::consts::TAU * f64::from(side % sides) / f64::from(sides);
+        DVec3::new(x, radius * angle.cos(), radius * angle.sin())
+    };
+    let face = |side| {
+        let [a, b] = [point(side, -1.0), point(side + 1, -1.0)];
+        let [c, d] = [point(side + 1, 1.0), point(side, 1.0)];
+        let (low, high) = (DVec3::NEG_X, DVec3::X);
+        [[a, b, c], [a, c, d], [a, low, b], [d, c, high]]
+    };
+    (0..sides).flat_map(face).collect()
+}
+
+#[test]
+fn rays_that_leave_a_convex_body_of_slivers_miss_it() {
+    let device = device();
+    let count = samples_on(&device, 400_000) as usize;
+    for (sides, radius) in [(16, 0.05), (12, 0.01)] {
+        let scene = scene_of(&placed(&rod(sides, radius), DMat3::from_rotation_y(0.3), 1.0, DVec3::ZERO));
+        for kind in BvhKind::all_of(scene.mesh.triangles.len()) {
+            let bench = Bench::with_bvh(&device, &scene, kind);
+            assert!(bench.scene.bvh.has_thin_triangles);
+            let queries = rays_off_slivers(&bench, count, &mut Uniform::new(u64::from(sides)));
+            for probe in probes(kind) {
+                let answers: Vec<Answer> = bench.run(probe, &queries);
+                agrees_with_the_cpu(&bench, &queries, &answers);
+                let wrong = answers.iter().filter(|a| a.triangle != NO_TRIANGLE || a.blocked != 0).count();
+                assert_eq!(wrong, 0, "{kind:?}, {sides} sides: of {count} rays some hit what they leave");
+            }
+        }
+    }
+}
+
 #[test]
 fn soups_and_degenerate_triangles_are_traced_as_on_the_cpu_and_as_in_f64() {
     let device = device();

@@ -69,14 +69,14 @@ Hit trace_closest_binary(Ray ray) {
         balance_stack(stack);
         current = leave_leaf(current, stack);
     }
-    return nearest.hit;
+    return nearest_hit(nearest, ray, space);
 }
 
 bool trace_any_binary(Ray ray, Primitive target, float t_max) {
     vec3 inverse = safe_inverse(ray.direction);
     RaySpace space = ray_space(ray.direction);
     float boxes_t_max = box_t_max(t_max, inverse);
-    bool occluded = false;
+    Occlusion occlusion = no_occlusion();
     Stack stack = empty_stack();
     uint current = 0u;
     while (current != TRAVERSAL_DONE) {
@@ -86,15 +86,14 @@ bool trace_any_binary(Ray ray, Primitive target, float t_max) {
         uint triangle = leaf_first(current);
         uint end = triangle + leaf_count(current);
         while (triangle < end) {
-            Primitive primitive = Primitive(triangle);
-            occluded = occludes(primitive, fetch_triangle(triangle), ray, space, target, t_max) || occluded;
+            occlude(Primitive(triangle), fetch_triangle(triangle), ray, space, target, t_max, occlusion);
             triangle += 1u;
         }
         balance_stack(stack);
         uint next = leave_leaf(current, stack);
-        current = occluded ? TRAVERSAL_DONE : next;
+        current = occlusion.occluded ? TRAVERSAL_DONE : next;
     }
-    return occluded;
+    return is_occluded(occlusion, ray, space);
 }
 
 #endif

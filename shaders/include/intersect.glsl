@@ -2,6 +2,8 @@
 #ifndef INTERSECT_GLSL
 #define INTERSECT_GLSL
 #include "geometry.glsl"
+#include "skippable_if.glsl"
+#include "sliver.glsl"
 #include "work.glsl"
 
 // The ray's own space: its axes permuted so that the direction is longest along z, then sheared
@@ -59,13 +61,43 @@ uint intersect_triangle(vec3 origin, RaySpace space, Triangle t, out float dista
     return nearness(distance) | (outside & 0x80000000u);
 }
 
-// The nearest hit so far.
+// Whether hits near a ray's origin are checked to lie in front of it. A fixed offset takes it far enough from them.
+//
+// The distance of a thin triangle is off by roundings of its length times its aspect. So where a ray leaves a convex
+// edge, the neighbour of the triangle that it leaves may be found in front. A bound on the distance (Pharr, Jakob and
+// Humphreys, 6.8.7) would let rays through concave edges instead. The exact side is too expensive for every hit: a
+// traversal keeps one that touches its origin apart, and checks it at its end.
+const bool CHECKS_SIDES = HAS_THIN_TRIANGLES && !FIXED_OFFSETS;
+
+// How near a hit touches the origin, along the longest axis of the ray.
+const float TOUCHING = 1.0 / 1024.0;
+bool touches_origin(uint found, RaySpace space) { return CHECKS_SIDES && found < nearness(TOUCHING * abs(space.shear.z)); }
+
+// Whether a triangle that was found in front of the ray's origin is thin and lies behind it or at it.
+bool lies_behind(Ray ray, RaySpace space, Triangle t) {
+    vec3 a = to_ray_space(space, ray.origin, t.v0);
+    vec3 b = to_ray_space(space, ray.origin, t.v1);
+    vec3 c = to_ray_space(space, ray.origin, t.v2);
+    float determinant = (c.x * b.y - c.y * b.x) + (a.x * c.y - a.y * c.x) + (b.x * a.y - b.y * a.x);
+    float volume = signed_volume(t.v0 - ray.origin, t.v1 - ray.origin, t.v2 - ray.origin);
+    uint signs = floatBitsToUint(volume) ^ floatBitsToUint(determinant) ^ floatBitsToUint(space.shear.z);
+    bool ahead = volume != 0.0 && (signs & 0x80000000u) != 0u;
+    return is_thin(t) && !ahead;
+}
+
+// The nearest hits so far.
 struct Nearest {
-    Hit hit;
-    uint original;  // the triangle's index in the scene's order
+    Hit hit;            // that does not touch the origin
+    uint original;      // its triangle's index in the scene's order
+    Primitive touching; // that does, or none
+    float touching_distance;
+    uint touching_original;
 };
 
-Nearest no_nearest() { return Nearest(Hit(no_primitive(), vec2(0.0), FARTHEST), NO_TRIANGLE); }
+Nearest no_nearest() {
+    Hit none = Hit(no_primitive(), vec2(0.0), FARTHEST);
+    return Nearest(none, NO_TRIANGLE, no_primitive(), FARTHEST, NO_TRIANGLE);
+}
 
 // Makes the primitive, whose triangle is `t`, the nearest hit if it is nearer, or as near and `wins_ties`.
 void hit_triangle(Primitive primitive, Triangle t, bool wins_ties, Ray ray, RaySpace space, inout Nearest nearest) {
@@ -73,9 +105,20 @@ void hit_triangle(Primitive primitive, Triangle t, bool wins_ties, Ray ray, RayS
     float distance;
     vec2 barycentrics;
     uint found = intersect_triangle(ray.origin, space, t, distance, barycentrics);
+    bool can_be_hit = FIXED_OFFSETS || !same_primitive(primitive, ray.leaves);
+    bool touches = touches_origin(found, space);
     uint limit = nearness(nearest.hit.distance) + (wins_ties ? 1u : 0u);
-    if (found < limit && (FIXED_OFFSETS || !same_primitive(primitive, ray.leaves))) {
-        nearest = Nearest(Hit(primitive, barycentrics, distance), t.original);
+    if (found < limit && can_be_hit && !touches) {
+        nearest.hit = Hit(primitive, barycentrics, distance);
+        nearest.original = t.original;
+    }
+    if (CHECKS_SIDES) {
+        uint touching_limit = nearness(nearest.touching_distance) + (t.original < nearest.touching_original ? 1u : 0u);
+        if (found < touching_limit && can_be_hit && touches) {
+            nearest.touching = primitive;
+            nearest.touching_distance = distance;
+            nearest.touching_original = t.original;
+        }
     }
 }
 
@@ -86,14 +129,55 @@ void hit_triangle(Primitive primitive, Ray ray, RaySpace space, inout Nearest ne
     hit_triangle(primitive, t, t.original < nearest.original, ray, space, nearest);
 }
 
-// Whether the primitive, whose triangle is `t`, lies on the ray nearer than `t_max` and is not `target`.
-bool occludes(Primitive primitive, Triangle t, Ray ray, RaySpace space, Primitive target, float t_max) {
+// The nearest hit when the traversal has ended.
+Hit nearest_hit(Nearest nearest, Ray ray, RaySpace space) {
+    Hit hit = nearest.hit;
+    if (CHECKS_SIDES) {
+        SKIPPABLE_IF(!is_none(nearest.touching)) {
+            Triangle t = fetch_triangle(nearest.touching.triangle);
+            if (!lies_behind(ray, space, t)) {
+                hit.primitive = nearest.touching;
+                intersect_triangle(ray.origin, space, t, hit.distance, hit.barycentrics);
+            }
+        }
+    }
+    return hit;
+}
+
+// What a ray is occluded by so far.
+struct Occlusion {
+    bool occluded;
+    Primitive touching;  // touches the origin and may lie behind it; or none
+};
+
+Occlusion no_occlusion() { return Occlusion(false, no_primitive()); }
+
+// Notes the primitive, whose triangle is `t`, if it lies on the ray nearer than `t_max` and is not `target`. Of two that
+// touch the origin one is believed.
+void occlude(Primitive primitive, Triangle t, Ray ray, RaySpace space, Primitive target, float t_max,
+    inout Occlusion occlusion) {
     count_triangle();
     float distance;
     vec2 barycentrics;
     uint found = intersect_triangle(ray.origin, space, t, distance, barycentrics);
     bool counts = FIXED_OFFSETS || (!same_primitive(primitive, ray.leaves) && !same_primitive(primitive, target));
-    return found < nearness(t_max) && counts;
+    bool occludes = found < nearness(t_max) && counts;
+    bool is_first = touches_origin(found, space) && is_none(occlusion.touching);
+    occlusion.occluded = (occludes && !is_first) || occlusion.occluded;
+    if (CHECKS_SIDES) {
+        occlusion.touching.triangle = occludes && is_first ? primitive.triangle : occlusion.touching.triangle;
+    }
+}
+
+// Whether the ray is occluded, when the traversal has ended.
+bool is_occluded(Occlusion occlusion, Ray ray, RaySpace space) {
+    bool occluded = occlusion.occluded;
+    if (CHECKS_SIDES) {
+        SKIPPABLE_IF(!occlusion.occluded && !is_none(occlusion.touching)) {
+            occluded = !lies_behind(ray, space, fetch_triangle(occlusion.touching.triangle));
+        }
+    }
+    return occluded;
 }
 
 #endif

@@ -19,17 +19,17 @@ Hit trace_closest_listed(Ray ray) {
     [[unroll]] for (uint i = 0u; i < LISTED_COUNT; i++) {
         hit_triangle(Primitive(i), LISTED_TRIANGLE(i), false, ray, space, nearest);
     }
-    return nearest.hit;
+    return nearest_hit(nearest, ray, space);
 }
 
 bool trace_any_listed(Ray ray, Primitive target, float t_max) {
     vec3 vertices[3u * LISTED_TRIANGLES] = LISTED_VERTICES;
     RaySpace space = ray_space(ray.direction);
-    bool occluded = false;
+    Occlusion occlusion = no_occlusion();
     [[unroll]] for (uint i = 0u; i < LISTED_COUNT; i++) {
-        occluded = occludes(Primitive(i), LISTED_TRIANGLE(i), ray, space, target, t_max) || occluded;
+        occlude(Primitive(i), LISTED_TRIANGLE(i), ray, space, target, t_max, occlusion);
     }
-    return occluded;
+    return is_occluded(occlusion, ray, space);
 }
 
 #endif

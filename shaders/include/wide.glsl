@@ -162,13 +162,13 @@ Hit trace_closest_wide(Ray ray) {
         }
         balance_stack(stack);
     }
-    return nearest.hit;
+    return nearest_hit(nearest, ray, space);
 }
 
 bool trace_any_wide(Ray ray, Primitive target, float t_max) {
     GridRay grid = grid_ray(ray);
     RaySpace space = ray_space(ray.direction);
-    bool occluded = false;
+    Occlusion occlusion = no_occlusion();
     // A ray that is occluded enters no more of its packet's nodes.
     float boxes_t_max = box_t_max(t_max, grid.inverse);
     Stack stack = empty_stack();
@@ -179,14 +179,13 @@ bool trace_any_wide(Ray ray, Primitive target, float t_max) {
         bool due = is_due(triangles, node, ANY_GROUPS);
         while (due && any_left(triangles)) {
             uint triangle = take_triangle(triangles);
-            Primitive primitive = Primitive(triangle);
-            occluded = occludes(primitive, fetch_triangle(triangle), ray, space, target, t_max) || occluded;
+            occlude(Primitive(triangle), fetch_triangle(triangle), ray, space, target, t_max, occlusion);
         }
-        boxes_t_max = occluded ? -1.0 : boxes_t_max;
-        node = all_rays(occluded) ? NO_NODE : node;
+        boxes_t_max = occlusion.occluded ? -1.0 : boxes_t_max;
+        node = all_rays(occlusion.occluded) ? NO_NODE : node;
         balance_stack(stack);
     }
-    return occluded;
+    return is_occluded(occlusion, ray, space);
 }
 
 #endif

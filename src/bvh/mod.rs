@@ -3,6 +3,7 @@
 //! It also has the CPU traversal of the same nodes, which is the oracle of the kernels' traversal. This room knows
 //! triangles and rays; it knows nothing of scene files, materials or the GPU.
 
+mod sliver;
 mod traverse;
 mod wide;
 
@@ -18,8 +19,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
-pub use traverse::{Hit, Ray, Work, count_any, count_closest, intersect_triangle, trace_any, trace_closest};
+pub use traverse::{Hit, Ray, Work, count_any, count_closest, trace_any, trace_closest};
 
+use self::sliver::is_thin;
 use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES, LISTED_TRIANGLES, WIDE_MAX_NODES};
 use crate::layout::Node;
 
@@ -116,6 +118,8 @@ pub struct Bvh {
     /// Expected cost of a random ray that hits the root box, in triangle tests; a node visit costs as much as one.
     /// (Surface area heuristic, MacDonald and Booth 1990)
     pub sah_cost: f64,
+    /// Whether some triangle is thin: its longest edge times its aspect, that edge over the height on it, is more than 32.
+    pub has_thin_triangles: bool,
     /// Time that it took to build.
     pub build_time: Duration,
 }
@@ -127,16 +131,22 @@ impl Bvh {
     /// Every kind is made from the same binary tree: PLOC with reinsertion, no spatial splits.
     pub fn build(kind: BvhKind, triangles: &[[Vec3; 3]]) -> Self {
         let start = Instant::now();
-        if kind == BvhKind::List {
-            return Self::list(triangles.len(), start);
-        }
+        let mut bvh = match kind {
+            BvhKind::List => Self::list(triangles.len()),
+            kind => Self::tree(kind, triangles),
+        };
+        bvh.has_thin_triangles = triangles.par_iter().any(is_thin);
+        bvh.build_time = start.elapsed();
+        bvh
+    }
+
+    fn tree(kind: BvhKind, triangles: &[[Vec3; 3]]) -> Self {
         let mut tree = binary_tree(triangles, if kind == BvhKind::Bvh2 { LEAF_MAX_TRIANGLES } else { 1 });
         let mut bvh = Self::of_tree(kind, &tree);
         if bvh.depth > FREE_LEVELS {
             limit_depth(&mut tree);
             bvh = Self::of_tree(kind, &tree);
         }
-        bvh.build_time = start.elapsed();
         bvh
     }
 
@@ -150,6 +160,7 @@ impl Bvh {
             depth: 0,
             leaf_count: 0,
             sah_cost: 0.0,
+            has_thin_triangles: false,
             build_time: Duration::ZERO,
         };
         if kind == BvhKind::Bvh2 {
@@ -161,7 +172,7 @@ impl Bvh {
     }
 
     /// No tree: one leaf of all triangles, in their input order.
-    fn list(triangles: usize, start: Instant) -> Self {
+    fn list(triangles: usize) -> Self {
         Self {
             kind: BvhKind::List,
             texels: Vec::new(),
@@ -170,7 +181,8 @@ impl Bvh {
             depth: 0,
             leaf_count: 1,
             sah_cost: triangles as f64,
-            build_time: start.elapsed(),
+            has_thin_triangles: false,
+            build_time: Duration::ZERO,
         }
     }
 

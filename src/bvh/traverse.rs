@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 
 use glam::{Vec3, Vec3Swizzles};
 
+use super::sliver::{is_thin, signed_volume};
 use super::{Bvh, BvhKind};
 use crate::constants::{ANY_GROUPS, CLOSEST_GROUPS, LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE, WIDE_INNER_BIT};
 use crate::layout::{Node, Triangle};
@@ -69,18 +70,50 @@ impl RaySpace {
     }
 }
 
+/// Edges of a triangle against a ray: the barycentrics of where they meet, times their sum.
+struct Edges {
+    vertices: [Vec3; 3],
+    u: f32,
+    v: f32,
+    w: f32,
+}
+
+impl Edges {
+    fn of(space: &RaySpace, triangle: &Triangle) -> Self {
+        let vertices = [triangle.v0, triangle.v1, triangle.v2].map(|v| space.of_vertex(v));
+        let [a, b, c] = vertices;
+        Self { vertices, u: c.x * b.y - c.y * b.x, v: a.x * c.y - a.y * c.x, w: b.x * a.y - b.y * a.x }
+    }
+
+    fn determinant(&self) -> f32 {
+        self.u + self.v + self.w
+    }
+}
+
 /// Watertight triangle test: distance and barycentrics of the hit in front of the origin.
-pub fn intersect_triangle(ray: &Ray, triangle: &Triangle) -> Option<(f32, [f32; 2])> {
-    let space = RaySpace::of(ray);
-    let [a, b, c] = [triangle.v0, triangle.v1, triangle.v2].map(|v| space.of_vertex(v));
-    let u = c.x * b.y - c.y * b.x;
-    let v = a.x * c.y - a.y * c.x;
-    let w = b.x * a.y - b.y * a.x;
-    let determinant = u + v + w;
+fn intersect_triangle(space: &RaySpace, triangle: &Triangle) -> Option<(f32, [f32; 2])> {
+    let edges = Edges::of(space, triangle);
+    let Edges { vertices: [a, b, c], u, v, w } = edges;
+    let determinant = edges.determinant();
     let inverse = 1.0 / determinant;
     let distance = (u * a.z + v * b.z + w * c.z) * (inverse * space.shear.z);
     let inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
     (inside && determinant != 0.0 && distance > 0.0).then_some((distance, [v * inverse, w * inverse]))
+}
+
+/// Whether a hit at that distance touches the origin of the ray. As in `intersect.glsl`.
+fn touches_origin(space: &RaySpace, distance: f32) -> bool {
+    distance < space.shear.z.abs() / 1024.0
+}
+
+/// Whether a triangle that was found in front of the ray's origin is thin and lies behind it or at it. `intersect.glsl`
+/// says why.
+fn lies_behind(space: &RaySpace, triangle: &Triangle) -> bool {
+    let corners = [triangle.v0, triangle.v1, triangle.v2].map(Vec3::from);
+    let volume = signed_volume(corners.map(|corner| corner - space.origin));
+    let signs = [volume, Edges::of(space, triangle).determinant(), space.shear.z].map(f32::is_sign_negative);
+    let ahead = volume != 0.0 && signs.into_iter().fold(false, |a, b| a ^ b);
+    is_thin(&corners) && !ahead
 }
 
 fn safe_inverse(d: Vec3) -> Vec3 {
@@ -246,24 +279,44 @@ pub fn trace_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> Option<Hit
     count_closest(bvh, triangles, ray).0
 }
 
+/// The nearest of some hits, and its triangle's index in the scene's order.
+#[derive(Clone, Copy)]
+struct Nearest {
+    hit: Hit,
+    original: u32,
+}
+
+impl Nearest {
+    const NONE: Self =
+        Self { hit: Hit { triangle: NO_TRIANGLE, barycentrics: [0.0; 2], distance: f32::MAX }, original: NO_TRIANGLE };
+
+    fn take(&mut self, hit: Hit, original: u32) {
+        if (hit.distance, original) < (self.hit.distance, self.original) {
+            *self = Self { hit, original };
+        }
+    }
+}
+
 /// [`trace_closest`], and its work.
 pub fn count_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> (Option<Hit>, Work) {
-    let mut nearest = Hit { triangle: NO_TRIANGLE, barycentrics: [0.0; 2], distance: f32::MAX };
-    let mut nearest_original = NO_TRIANGLE;
-    let work = walk(bvh, ray, nearest.distance, CLOSEST_GROUPS, |leaf| {
-        for &place in leaf {
+    let space = RaySpace::of(ray);
+    let (mut nearest, mut touching) = (Nearest::NONE, Nearest::NONE);
+    let checks = bvh.has_thin_triangles;
+    let work = walk(bvh, ray, f32::MAX, CLOSEST_GROUPS, |leaf| {
+        for &place in leaf.iter().filter(|place| **place != ray.leaves) {
             let triangle = &triangles[place as usize];
-            let Some((distance, barycentrics)) = intersect_triangle(ray, triangle) else { continue };
-            let nearer =
-                distance < nearest.distance || (distance == nearest.distance && triangle.original < nearest_original);
-            if nearer && place != ray.leaves {
-                nearest = Hit { triangle: place, barycentrics, distance };
-                nearest_original = triangle.original;
-            }
+            let Some((distance, barycentrics)) = intersect_triangle(&space, triangle) else { continue };
+            let touches = checks && touches_origin(&space, distance);
+            let nearest = if touches { &mut touching } else { &mut nearest };
+            nearest.take(Hit { triangle: place, barycentrics, distance }, triangle.original);
         }
-        ControlFlow::Continue(nearest.distance)
+        ControlFlow::Continue(nearest.hit.distance)
     });
-    ((nearest.triangle != NO_TRIANGLE).then_some(nearest), work)
+    let place = touching.hit.triangle;
+    if place != NO_TRIANGLE && !lies_behind(&space, &triangles[place as usize]) {
+        nearest = touching;
+    }
+    ((nearest.hit.triangle != NO_TRIANGLE).then_some(nearest.hit), work)
 }
 
 /// Whether the ray is occluded: whether any triangle but `target` is nearer than `limit`.
@@ -273,13 +326,24 @@ pub fn trace_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limi
 
 /// [`trace_any`], and its work.
 pub fn count_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> (bool, Work) {
-    let mut blocked = false;
+    let space = RaySpace::of(ray);
+    let (mut occluded, mut touching) = (false, None);
+    let checks = bvh.has_thin_triangles;
     let work = walk(bvh, ray, limit, ANY_GROUPS, |leaf| {
         for &place in leaf {
-            let hit = intersect_triangle(ray, &triangles[place as usize]);
-            blocked |= hit.is_some_and(|(distance, _)| distance < limit) && place != ray.leaves && place != target;
+            let hit = intersect_triangle(&space, &triangles[place as usize]);
+            let Some((distance, _)) = hit.filter(|hit| hit.0 < limit && ![ray.leaves, target].contains(&place)) else {
+                continue;
+            };
+            // Of two that touch the origin one is believed.
+            if checks && touches_origin(&space, distance) && touching.is_none() {
+                touching = Some(place);
+            } else {
+                occluded = true;
+            }
         }
-        if blocked { ControlFlow::Break(()) } else { ControlFlow::Continue(limit) }
+        if occluded { ControlFlow::Break(()) } else { ControlFlow::Continue(limit) }
     });
-    (blocked, work)
+    let touched = |place: u32| !lies_behind(&space, &triangles[place as usize]);
+    (occluded || touching.is_some_and(touched), work)
 }

@@ -16,10 +16,10 @@ pub struct DevicesArguments {
 pub fn run(arguments: &DevicesArguments) -> anyhow::Result<()> {
     let instance = Instance::new(false)?;
     let devices = instance.devices()?;
-    let chosen = instance.choose(arguments.device.as_deref()).map(|device| device.name);
+    let chosen = instance.choose(arguments.device.as_deref());
     let mut text = String::new();
     for (number, device) in devices.iter().enumerate() {
-        let mark = if chosen.as_ref().is_ok_and(|name| *name == device.name) { "  (chosen)" } else { "" };
+        let mark = if chosen.as_ref().is_ok_and(|chosen| chosen.is_same(device)) { "  (chosen)" } else { "" };
         writeln!(text, "{number} {}{mark}", device.name)?;
         text += &limits(device)?;
         if let Some(reason) = &device.unusable {

@@ -16,6 +16,10 @@ use crate::trace::Stages;
 /// Layer that checks every call.
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
+/// The first version of Vulkan's headers with VK_KHR_shader_maximal_reconvergence. A validation layer that is older takes
+/// it for an error.
+const KNOWS_MAXIMAL_RECONVERGENCE: u32 = vk::make_api_version(0, 1, 3, 276);
+
 /// What shall be seen of the work from outside.
 #[derive(Debug, Clone, Default)]
 pub struct Tools {
@@ -34,6 +38,8 @@ pub struct Instance {
     pub(super) tools: Tools,
     /// Whether VK_EXT_debug_utils is enabled.
     pub(super) has_debug_utils: bool,
+    /// The version of Vulkan that the validation layer was made for, where it is enabled.
+    validated_version: Option<u32>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     /// Boxed: the messenger holds a pointer to it.
     messages: Arc<Messages>,
@@ -133,6 +139,14 @@ impl DeviceDescription {
         self.identity.name()
     }
 
+    /// Whether both are one device by the same driver.
+    pub fn is_same(&self, other: &Self) -> bool {
+        // A driver that gives none leaves zeros.
+        let known = self.uuid != [0; vk::UUID_SIZE];
+        self.raw == other.raw
+            || (known && (self.uuid, &self.name, &self.driver) == (other.uuid, &other.name, &other.driver))
+    }
+
     /// Whether it is software: its work runs on the CPU.
     pub fn is_software(&self) -> bool {
         self.kind == DeviceKind::Cpu
@@ -161,9 +175,11 @@ impl Instance {
         let entry = unsafe { ash::Entry::load() }.map_err(GpuError::NoLoader)?;
         // SAFETY: enumeration has no preconditions.
         let layers = unsafe { entry.enumerate_instance_layer_properties() }.during("listing the Vulkan layers")?;
-        if validation && !layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER)) {
-            return Err(GpuError::NoValidationLayer);
-        }
+        let validated_version = match layers.iter().find(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER)) {
+            _ if !validation => None,
+            Some(layer) => Some(layer.spec_version),
+            None => return Err(GpuError::NoValidationLayer),
+        };
 
         // SAFETY: enumeration has no preconditions.
         let listed = unsafe { entry.enumerate_instance_extension_properties(None) }.during("listing extensions")?;
@@ -193,7 +209,7 @@ impl Instance {
         })?;
 
         let messages = Arc::new(Messages::default());
-        let mut instance = Self { raw, tools, has_debug_utils, messenger: None, messages, entry };
+        let mut instance = Self { raw, tools, has_debug_utils, validated_version, messenger: None, messages, entry };
         if validation {
             instance.listen()?;
         }
@@ -225,7 +241,8 @@ impl Instance {
         self.messages.lock().map(|messages| messages.clone()).unwrap_or_default()
     }
 
-    /// Every device, in the driver's order: the index of one is its number for `--device`.
+    /// Every device, in the driver's order: the index of one is its number for `--device`. A device of which the loader
+    /// found the driver twice, by two of its paths, is there once.
     ///
     /// # Errors
     /// When there is none.
@@ -233,7 +250,12 @@ impl Instance {
         let _stage = self.tools.stages.begin("list devices");
         // SAFETY: the instance is alive.
         let raw = unsafe { self.raw.enumerate_physical_devices() }.during("listing the devices")?;
-        let devices: Vec<_> = raw.into_iter().map(|raw| self.describe(raw)).collect();
+        let mut devices: Vec<DeviceDescription> = Vec::new();
+        for device in raw.into_iter().map(|raw| self.describe(raw)) {
+            if !devices.iter().any(|known| known.is_same(&device)) {
+                devices.push(device);
+            }
+        }
         if devices.is_empty() { Err(GpuError::NoDriver) } else { Ok(devices) }
     }
 
@@ -285,7 +307,8 @@ impl Instance {
         let mut maximal = vk::PhysicalDeviceShaderMaximalReconvergenceFeaturesKHR::default();
         let mut uniform = vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default();
         let mut features = vk::PhysicalDeviceFeatures2::default();
-        if has(khr::shader_maximal_reconvergence::NAME) {
+        let is_known = self.validated_version.is_none_or(|version| version >= KNOWS_MAXIMAL_RECONVERGENCE);
+        if has(khr::shader_maximal_reconvergence::NAME) && is_known {
             features = features.push_next(&mut maximal);
         }
         if has(khr::shader_subgroup_uniform_control_flow::NAME) {

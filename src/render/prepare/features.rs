@@ -59,6 +59,8 @@ features! {
     textures, "textures": |s| s.any_scattering(|m| m.diffuse_map.is_some());
     /// Some triangle has shading normals.
     normals, "shading normals": |s| s.scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE);
+    /// Some triangle is so thin that rounding may move it past a ray's origin.
+    thin_triangles, "thin triangles": |s| s.bvh.has_thin_triangles;
     /// The camera has a lens.
     lens, "lens": |s| s.scene.camera.aperture > 0.0;
     /// The camera is so far away that its rays start nearer to the scene.
@@ -79,6 +81,8 @@ pub struct FeatureFlag {
 /// Where features are looked for.
 struct Subject<'a> {
     scene: &'a Scene,
+    /// Of its triangles.
+    bvh: &'a Bvh,
     /// Materials that some triangle has.
     used: Vec<&'a scene::Material>,
     /// Whether the camera is far away.
@@ -101,10 +105,10 @@ fn is_in(subject: &Subject<'_>, is_in: impl Fn(&Subject<'_>) -> bool) -> bool {
 }
 
 impl Features {
-    pub(super) fn of(scene: &Scene, distance: bool) -> Self {
+    pub(super) fn of(scene: &Scene, bvh: &Bvh, distance: bool) -> Self {
         let used =
             scene.materials.iter().zip(used_materials(scene)).filter_map(|(material, used)| used.then_some(material));
-        Self::of_subject(&Subject { scene, used: used.collect(), distance })
+        Self::of_subject(&Subject { scene, bvh, used: used.collect(), distance })
     }
 
     /// Whether some BSDF is not all specular, so that light samples count.
@@ -184,6 +188,7 @@ impl Needs {
             dielectric,
             textures,
             normals,
+            thin_triangles,
             lens,
             distance,
         } = features;
@@ -210,6 +215,7 @@ impl Needs {
             has_dielectric: dielectric,
             has_textures: textures,
             has_normals: normals,
+            has_thin_triangles: thin_triangles,
             has_lens: lens,
             has_distance: distance,
             scatters,

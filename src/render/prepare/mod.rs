@@ -167,7 +167,7 @@ impl PreparedScene {
         }
 
         let mut frame = camera_frame(&scene.camera, &normalisation, &corners);
-        let features = Features::of(scene, frame.camera_distance > 0.0);
+        let features = Features::of(scene, &bvh, frame.camera_distance > 0.0);
         let (textures, headers) = if features.textures { pack_textures(scene) } else { Default::default() };
         let sky = match &scene.environment {
             Environment::LatLong(map) => Sky::of(map, radiance_scale)?,
