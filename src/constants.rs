@@ -176,8 +176,6 @@ specialization_constants! {
     has_textures: bool = true;
     /// Whether some triangle has shading normals.
     has_normals: bool = true;
-    /// Whether some triangle is so thin that rounding may move it past a ray's origin.
-    has_thin_triangles: bool = true;
     /// Whether the camera has a lens.
     has_lens: bool = true;
     /// Whether the camera is so far from the scene that its rays start nearer to it.
@@ -198,6 +196,8 @@ specialization_constants! {
     half_state: bool = false;
     /// Whether rays leave surfaces by a fixed offset.
     fixed_offsets: bool = false;
+    /// Whether a thin triangle that touches a ray's origin is checked to lie in front of it.
+    checks_sides: bool = false;
     /// Steps of arithmetic added to the shading of each hit.
     shading_cost: u32 = 0;
     /// Branches that the scattering of hits is spread over, at least 1.

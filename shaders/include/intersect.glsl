@@ -61,13 +61,12 @@ uint intersect_triangle(vec3 origin, RaySpace space, Triangle t, out float dista
     return nearness(distance) | (outside & 0x80000000u);
 }
 
-// Whether hits near a ray's origin are checked to lie in front of it. A fixed offset takes it far enough from them.
+// Sides: with CHECKS_SIDES a thin triangle that touches a ray's origin is checked to lie in front of it.
 //
 // The distance of a thin triangle is off by roundings of its length times its aspect. So where a ray leaves a convex
 // edge, the neighbour of the triangle that it leaves may be found in front. A bound on the distance (Pharr, Jakob and
 // Humphreys, 6.8.7) would let rays through concave edges instead. The exact side is too expensive for every hit: a
 // traversal keeps one that touches its origin apart, and checks it at its end.
-const bool CHECKS_SIDES = HAS_THIN_TRIANGLES && !FIXED_OFFSETS;
 
 // How near a hit touches the origin, along the longest axis of the ray.
 const float TOUCHING = 1.0 / 1024.0;

@@ -301,7 +301,7 @@ impl Nearest {
 pub fn count_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> (Option<Hit>, Work) {
     let space = RaySpace::of(ray);
     let (mut nearest, mut touching) = (Nearest::NONE, Nearest::NONE);
-    let checks = bvh.has_thin_triangles;
+    let checks = bvh.checks_sides && bvh.has_thin_triangles;
     let work = walk(bvh, ray, f32::MAX, CLOSEST_GROUPS, |leaf| {
         for &place in leaf.iter().filter(|place| **place != ray.leaves) {
             let triangle = &triangles[place as usize];
@@ -328,7 +328,7 @@ pub fn trace_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limi
 pub fn count_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> (bool, Work) {
     let space = RaySpace::of(ray);
     let (mut occluded, mut touching) = (false, None);
-    let checks = bvh.has_thin_triangles;
+    let checks = bvh.checks_sides && bvh.has_thin_triangles;
     let work = walk(bvh, ray, limit, ANY_GROUPS, |leaf| {
         for &place in leaf {
             let hit = intersect_triangle(&space, &triangles[place as usize]);

@@ -510,8 +510,8 @@ pub static SETTINGS: &[Setting] = &[
         bias: |settings| (settings.offsets == Offsets::Fixed).then(|| {
             "surfaces closer to each other than 1e-4 of the scene are not told apart".to_owned()
         }),
-        levels: &["robust", "fixed"],
-        knob: Some(Knob { exact: Some("robust"), values: |_, _| every::<Offsets>() }),
+        levels: &["robust", "checked", "fixed"],
+        knob: Some(Knob { exact: Some("checked"), values: |_, _| every::<Offsets>() }),
     },
     chosen! {
         numerics: Numerics,
