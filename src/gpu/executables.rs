@@ -171,10 +171,16 @@ fn figure(raw: &vk::PipelineExecutableStatisticKHR<'_>) -> Figure {
             Format::BOOL32 => FigureValue::Bool(raw.value.b32 != 0),
             Format::INT64 => FigureValue::Signed(raw.value.i64),
             Format::FLOAT64 => FigureValue::Float(raw.value.f64),
-            _ => FigureValue::Unsigned(raw.value.u64),
+            _ => FigureValue::Unsigned(believable(raw.value.u64)),
         }
     };
     Figure { name: text(&raw.name), description: text(&raw.description), value }
+}
+
+/// The count that a driver can have meant. NVIDIA's (580.159) leaves 16 in the upper word of the bytes of local memory; no
+/// kernel has 2^32 of anything.
+fn believable(count: u64) -> u64 {
+    if count >> 32 == 16 { count & u64::from(u32::MAX) } else { count }
 }
 
 /// The text that ends at the first zero; all of it where the driver forgot that.

@@ -510,7 +510,7 @@ pub static SETTINGS: &[Setting] = &[
         bias: |settings| (settings.offsets == Offsets::Fixed).then(|| {
             "surfaces closer to each other than 1e-4 of the scene are not told apart".to_owned()
         }),
-        levels: &["robust", "checked", "fixed"],
+        levels: &["robust", "fixed", "checked"],
         knob: Some(Knob { exact: Some("checked"), values: |_, _| every::<Offsets>() }),
     },
     chosen! {

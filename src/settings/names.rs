@@ -94,10 +94,10 @@ named! {
     pub enum Offsets {
         /// They begin as far off it as rounding can err there, and remember its triangle.
         Robust,
-        /// The same, and a thin triangle at which one begins is checked to lie in front of it.
-        Checked,
         /// They begin 10⁻⁴ of the scene off it; BIASED where surfaces are closer than that.
         Fixed,
+        /// As robust, and a thin triangle at which one begins is checked to lie in front of it.
+        Checked,
     }
 
     /// Who defines what arithmetic gives where Vulkan leaves it to the driver: quotients, roots, dot and cross products, and

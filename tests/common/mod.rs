@@ -36,12 +36,13 @@ pub fn device_with_cache(folder: Option<&Path>) -> Device {
     Device::open_with_cache(&instance, description, folder).expect("the device opens")
 }
 
-/// Whether a test of many cases tries the one of that index on this device: on SwiftShader one of `n`, elsewhere each.
-/// SwiftShader takes half a second to build the kernels of a render, and does so by one thread. It is there for
-/// another compiler and fewer lanes, which show in any case; what shows in few of them shows on lavapipe. `n` shares
-/// no divisor with the numbers of what is combined, so that the cases left have all of it in turn.
+/// Whether a test of many cases tries the one of that index on this device: on lavapipe each, elsewhere one of `n`.
+/// SwiftShader and the compilers of hardware take half a second and more to build the kernels of a render. Such devices are
+/// there for another compiler and other lanes, which show in any case; what shows in few of them shows on lavapipe. `n`
+/// shares no divisor with the numbers of what is combined, so that the cases left have all of it in turn.
 pub fn tries(device: &Device, index: usize, n: usize) -> bool {
-    !is_swiftshader(device) || index.is_multiple_of(n)
+    let compiles_quickly = device.description().is_software() && !is_swiftshader(device);
+    compiles_quickly || index.is_multiple_of(n)
 }
 
 /// The samples that a test takes on this device where any number makes a sound test. SwiftShader is ten times slower
