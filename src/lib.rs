@@ -20,35 +20,31 @@
 //! that go on after a device was lost. The frame function, which all schedulers share, is in `src/render/schedule.rs`.
 //!
 //! The rooms and who may depend on whom are drawn in `ARCHITECTURE.md`. In short: [`scene`],
-//! [`bvh`], [`image`], [`film`] and [`stats`] know nothing of the GPU; [`layout`] is the one home of structs
+//! [`bvh`], [`image`] and [`film`] know nothing of the GPU; [`layout`] is the one home of structs
 //! that the GPU sees; [`render`] turns a scene and its settings into a plain recording of passes,
 //! and [`gpu`], the only room with Vulkan and `unsafe`, executes it.
 
 pub mod alias;
 pub mod bvh;
-pub mod cli;
 pub mod clocks;
 pub mod constants;
-pub mod export;
 pub mod facts;
 pub mod film;
-pub mod gallery;
 pub mod gpu;
 pub mod image;
-pub mod lab;
 pub mod layout;
-pub mod oracle;
 pub mod rays;
 pub mod recording;
 pub mod render;
 pub mod scene;
-pub mod selftest;
 pub mod settings;
 pub mod shaders;
-pub mod stability;
-pub mod stats;
-pub mod studies;
 pub mod trace;
 pub mod whole_file;
 
 pub use render::Renderer;
+
+/// The version of this library and of all that is built with it, for records.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+/// The compiler that built it, as `rustc --version` tells.
+pub const RUSTC_VERSION: &str = env!("RAYWAVE_RUSTC_VERSION");

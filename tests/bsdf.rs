@@ -1,14 +1,16 @@
 //! The material functions on the device: what physics asks of them, and their formulas in f64.
 
 mod common;
+#[path = "common/probe.rs"]
+mod probe;
 
 use std::collections::HashSet;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use common::probe::{Bench, BsdfAnswer, SurfaceQuery, Uniform, grey, lanes, scene_of_materials, spherical, vector};
 use glam::{DVec3, Vec3};
-use raywave::oracle::optics;
+use probe::{Bench, BsdfAnswer, SurfaceQuery, Uniform, grey, lanes, scene_of_materials, spherical, vector};
 use raywave::scene::{Material, Surface};
+use raywave_studies::oracle::optics;
 
 fn glossy_materials() -> Vec<Material> {
     let glossy =

@@ -1,10 +1,14 @@
 //! The hierarchy itself, over whatever triangles: no GPU is asked.
 
 mod common;
+#[path = "common/meshes.rs"]
+mod meshes;
+#[path = "common/probe.rs"]
+mod probe;
 
-use common::meshes::{ball, cuboid, soup};
-use common::probe::Uniform;
 use glam::{DMat3, DVec3, EulerRot, Vec3};
+use meshes::{ball, cuboid, soup};
+use probe::Uniform;
 use proptest::prelude::*;
 use raywave::bvh::{Bvh, BvhKind, Ray, trace_any, trace_closest};
 use raywave::constants::{

@@ -8,7 +8,7 @@ use raywave::gpu::Device;
 use raywave::image::Image;
 use raywave::scene::Scene;
 use raywave::settings::{Integrator, Sampler, Settings};
-use raywave::stats::Moments;
+use raywave_studies::stats::Moments;
 
 const SAMPLES: [u32; 4] = [4, 16, 64, 256];
 /// Parts of the pixels that each show a slope of their own.

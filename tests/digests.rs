@@ -5,12 +5,14 @@
 //! `RAYWAVE_DIGESTS=write` the file is written anew, for a change that is meant to move pixels.
 
 mod common;
+#[path = "common/probe.rs"]
+mod probe;
 
 use std::ops::ControlFlow;
 
 use common::not_tested::not_tested;
-use common::probe::hostile;
 use common::{assert_silent, device, gallery, is_swiftshader, own_scene, prepare, project_file, tries};
+use probe::hostile;
 use raywave::bvh::{BvhKind, MAX_LISTED};
 use raywave::gpu::Device;
 use raywave::render::{Session, SessionOptions};

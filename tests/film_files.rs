@@ -16,7 +16,7 @@ use raywave::image::{
     Image, ImageError, ImageProblem, WriteOptions, check_output, image_bytes, read_image, read_metadata, srgb,
     write_image,
 };
-use raywave::stats::SplitMix64;
+use raywave_studies::stats::SplitMix64;
 use tempfile::TempDir;
 
 fn folder() -> TempDir {
@@ -716,6 +716,6 @@ fn standard_error_matches_the_scatter_of_repeated_renders() {
             whole.mean.x
         })
         .collect();
-    let seen = raywave::stats::variance(&means).sqrt();
+    let seen = raywave_studies::stats::variance(&means).sqrt();
     assert!((claimed / seen - 1.0).abs() < 0.06, "claimed {claimed}, seen {seen}");
 }

@@ -1,11 +1,13 @@
 //! What the lanes of a subgroup and the invocations of a launch share, and must not.
 
 mod common;
+#[path = "common/probe.rs"]
+mod probe;
 
 use common::device;
-use common::probe::{Bench, any_scene};
+use probe::{Bench, any_scene};
 use raywave::shaders::Access;
-use raywave::stats::SplitMix64;
+use raywave_studies::stats::SplitMix64;
 
 #[test]
 fn each_invocation_has_a_stack_of_its_own() {

@@ -2,15 +2,19 @@
 //! reading them back through the functions that read them for the renderer.
 
 mod common;
+#[path = "common/meshes.rs"]
+mod meshes;
+#[path = "common/probe.rs"]
+mod probe;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f32::consts::{PI, TAU};
 use std::mem::offset_of;
 
 use bytemuck::{Pod, Zeroable};
-use common::meshes::soup;
-use common::probe::{Bench, Uniform, any_scene, lanes, scene_of};
 use glam::{DVec3, Vec2, Vec3};
+use meshes::soup;
+use probe::{Bench, Uniform, any_scene, lanes, scene_of};
 use raywave::constants::{
     LISTED_TRIANGLES, MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS, Specialization, TRIANGLE_TEXELS,
 };

@@ -12,7 +12,7 @@ use raywave::gpu::Device;
 use raywave::render::{Defaults, Footprint, Outcome, PreparedScene, Session};
 use raywave::scene::Scene;
 use raywave::settings::{Integrator, Offsets, PathState, Scheduler, Settings, ShadowRays};
-use raywave::stats::Moments;
+use raywave_studies::stats::Moments;
 
 /// Path state and offsets that are not the default.
 const INEXACT: [(PathState, Offsets); 2] = [(PathState::F16, Offsets::Robust), (PathState::F16, Offsets::Fixed)];

@@ -2,20 +2,22 @@
 //! what is left to it, and elementary functions to the errors that `elementary.glsl` states.
 
 mod common;
+#[path = "common/probe.rs"]
+mod probe;
 
 use std::f64::consts::{PI, TAU};
 
 use bytemuck::{Pod, Zeroable};
 use common::device;
 use common::not_tested::not_tested;
-use common::probe::{Bench, any_scene, hostile, lanes, vector};
 use glam::{DVec3, Vec3};
 use half::f16;
+use probe::{Bench, any_scene, hostile, lanes, vector};
 use rayon::prelude::*;
 use raywave::facts;
 use raywave::gpu::Device;
 use raywave::shaders::{Form, Forms};
-use raywave::stats::SplitMix64;
+use raywave_studies::stats::SplitMix64;
 
 /// Input of the probe `arithmetic`.
 #[repr(C)]

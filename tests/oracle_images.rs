@@ -22,7 +22,7 @@ use raywave::settings::Integrator::{self, Explicit, Implicit, Mis};
 use raywave::settings::RouletteMode::{self, Constant, Throughput};
 use raywave::settings::Sampler::{self, Independent, Sobol};
 use raywave::settings::Settings;
-use raywave::stats::{sidak_level, z_test};
+use raywave_studies::stats::{sidak_level, z_test};
 
 /// Probability that a right image fails.
 const LEVEL: f64 = 1e-3;

@@ -9,10 +9,10 @@ mod common;
 use common::{device, own_scene, render_on, scene_from, tries};
 use glam::DVec3;
 use raywave::constants::COUNTED_BOUNCES;
-use raywave::oracle::{Path, Reference};
 use raywave::render::Outcome;
 use raywave::scene::Scene;
 use raywave::settings::{Integrator, RouletteMode, Sampler, Scheduler, Settings, ShadowRays};
+use raywave_studies::oracle::{Path, Reference};
 
 /// Largest error of a pixel, as a share of its radiance plus the image's mean. The kernels round
 /// positions and directions to 24 bits, and a path adds up such errors and divides them by cosines:

@@ -10,7 +10,7 @@ use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription}
 use raywave::layout::{Batch, Control, Frame, RayCount};
 use raywave::recording::Recording;
 use raywave::shaders::{Access, Arithmetic, Edition, buffers, kernels};
-use raywave::stats::SplitMix64;
+use raywave_studies::stats::SplitMix64;
 
 /// Bytes of two of the buffers: more than two submissions carry, and no whole number of their parts.
 const LARGE: usize = (20 << 20) + 48;

@@ -16,11 +16,11 @@ use std::ops::ControlFlow;
 use std::process::{Command, Stdio};
 
 use glam::Vec3;
-use raywave::export::{Document, Exports, Format, Page};
 use raywave::image::read_image;
-use raywave::stats::Bootstrap;
-use raywave::studies::tradeoff::{Base, Reference, ReferenceKeeper, Sweep, TradeoffReport};
-use raywave::studies::{
+use raywave_studies::export::{Document, Exports, Format, Page};
+use raywave_studies::stats::Bootstrap;
+use raywave_studies::studies::tradeoff::{Base, Reference, ReferenceKeeper, Sweep, TradeoffReport};
+use raywave_studies::studies::{
     Configuration, Cpu, Envelope, Limit, Measurement, Provenance, Purpose, Renderer, Report, SceneFacts, StudyError,
     Trial,
 };
@@ -55,7 +55,7 @@ fn example() -> Report {
         let mut image = read_image(&project_file(&file)).expect("a reference image");
         if call.configuration.level("integrator") == Some("implicit") && call.before == 0 {
             // The same noise in every run: seeded anew.
-            let mut seeded = raywave::stats::SplitMix64::new(4);
+            let mut seeded = raywave_studies::stats::SplitMix64::new(4);
             image.pixels.iter_mut().for_each(|pixel| *pixel *= 1.0 + 0.2 * normal(&mut seeded) as f32);
         } else if call.configuration.level("integrator") == Some("implicit") {
             return None;
@@ -119,7 +119,7 @@ impl Renderer for SweepRenderer {
             return Err("out of memory, \"heap\" <0>".into());
         }
         let seed = if let Purpose::Seeded(seed) = purpose { seed } else { 0 };
-        let mut random = raywave::stats::SplitMix64::new(u64::from(seed) * 1000 + samples as u64);
+        let mut random = raywave_studies::stats::SplitMix64::new(u64::from(seed) * 1000 + samples as u64);
         let seconds = 0.02 * samples * if short { 0.6 } else { 1.0 } * (0.02 * normal(&mut random)).exp();
         let noise = (if mis { 0.1 } else { 0.3 } / samples).sqrt();
         let mut image = read_image(&reference_file()).expect("a reference image");
@@ -451,7 +451,7 @@ fn a_page_of_a_study_that_has_only_begun_is_whole() {
     let (mut page, provenance) = (Page::new(0.0), provenance());
     let mut renderer = FakeRenderer::new(|_, _| 1.0);
     let _ = study(&["scheduler=wavefront,megakernel,in-flight"], 2).run(&mut renderer, &mut |event| {
-        if let raywave::studies::Event::Updated { report } = event {
+        if let raywave_studies::studies::Event::Updated { report } = event {
             pages.push(Document { provenance: &provenance, report }.html(&mut page));
         }
         ControlFlow::Continue(())

@@ -44,12 +44,15 @@ impl Line {
         })
     }
 
-    /// Rooms that the line names by `crate::`.
+    /// Rooms that the line names by their crate. What is no room begins with a capital.
     fn uses(&self) -> impl Iterator<Item = &str> {
-        self.code.split("crate::").skip(1).map(|rest| {
+        let own = if self.room == "cli" { None } else { Some("crate::") };
+        let crates = ["raywave::", "raywave_studies::"].into_iter().chain(own);
+        let names = crates.flat_map(|name| self.code.split(name).skip(1)).map(|rest| {
             let end = rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len());
             &rest[..end]
-        })
+        });
+        names.filter(|name| name.starts_with(|c: char| c.is_ascii_lowercase()))
     }
 }
 
@@ -60,18 +63,24 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
     paths.flat_map(files).filter(|path| path.extension().is_some_and(|extension| extension == "rs")).collect()
 }
 
+/// Where the sources of each crate are. That of the command line is one room.
+const SOURCES: [(&str, Option<&str>); 3] =
+    [("src", None), ("crates/studies/src", None), ("crates/cli/src", Some("cli"))];
+
 fn sources() -> Vec<Line> {
-    let src = project_file("src");
     let mut lines = Vec::new();
-    for path in rust_files(&src) {
-        let name = path.strip_prefix(&src).expect("it lies in src").to_string_lossy().into_owned();
-        let room = name.split(['/', '\\', '.']).next().expect("a name has a start").to_owned();
-        let text = fs::read_to_string(&path).expect("sources are text");
-        lines.extend(text.lines().enumerate().map(|(index, line)| Line {
-            room: room.clone(),
-            place: format!("src/{name}:{}", index + 1),
-            code: line.split("//").next().unwrap_or_default().to_owned(),
-        }));
+    for (folder, whole) in SOURCES {
+        let src = project_file(folder);
+        for path in rust_files(&src) {
+            let name = path.strip_prefix(&src).expect("it lies there").to_string_lossy().into_owned();
+            let room = whole.unwrap_or_else(|| name.split(['/', '\\', '.']).next().expect("a name has a start"));
+            let text = fs::read_to_string(&path).expect("sources are text");
+            lines.extend(text.lines().enumerate().map(|(index, line)| Line {
+                room: room.to_owned(),
+                place: format!("{folder}/{name}:{}", index + 1),
+                code: line.split("//").next().unwrap_or_default().to_owned(),
+            }));
+        }
     }
     assert!(lines.len() > 1000, "the sources were found");
     lines
@@ -139,7 +148,7 @@ fn image_formats_stay_in_image() {
 #[test]
 fn the_command_line_alone_prints() {
     let printers = ["print!", "println!", "eprint!", "eprintln!", "dbg!", "io::stdout", "io::stderr"];
-    assert_none("output outside src/cli", |line| {
+    assert_none("output outside crates/cli", |line| {
         line.room != "cli"
             && printers.iter().any(|word| line.has(word.trim_end_matches('!')) && line.code.contains(word))
     });

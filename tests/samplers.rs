@@ -2,23 +2,27 @@
 //! against integrals in f64. Seeds are fixed, so a verdict is the same at every run.
 
 mod common;
+#[path = "common/meshes.rs"]
+mod meshes;
+#[path = "common/probe.rs"]
+mod probe;
 
 use std::cmp::Ordering;
 use std::f64::consts::{PI, TAU};
 
 use bytemuck::{Pod, Zeroable};
-use common::meshes::{cuboid, placed};
-use common::probe::{
+use glam::{DMat3, DVec2, DVec3, Vec3};
+use meshes::{cuboid, placed};
+use probe::{
     Bench, BsdfAnswer, SurfaceQuery, Uniform, any_scene, grey, lanes, scene_of, scene_of_materials, spherical, vector,
 };
-use glam::{DMat3, DVec2, DVec3, Vec3};
 use raywave::constants::{ENVIRONMENT_LAT_LONG, NO_TRIANGLE};
 use raywave::gpu::Device;
-use raywave::oracle::sobol::{scramble, sobol4};
-use raywave::oracle::{optics, pcg4d};
 use raywave::scene::{Camera, Environment, EnvironmentMap, Material, Surface};
 use raywave::settings::Sampler;
-use raywave::stats::{Moments, SplitMix64, chi_square, sidak_adjusted, z_test};
+use raywave_studies::oracle::sobol::{scramble, sobol4};
+use raywave_studies::oracle::{optics, pcg4d};
+use raywave_studies::stats::{Moments, SplitMix64, chi_square, sidak_adjusted, z_test};
 
 /// How seldom a family of tests may fail by chance.
 const LEVEL: f64 = 1e-3;

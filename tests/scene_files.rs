@@ -9,9 +9,9 @@ use std::{f64::consts::FRAC_1_SQRT_2, fs, io::Cursor, path::PathBuf};
 use glam::{DVec3, Vec2, Vec3, dvec3, vec2, vec3};
 use project::project_file;
 use proptest::prelude::*;
-use raywave::gallery::generate_gallery;
 use raywave::scene::{Environment, Material, NONE, Scene, SceneError, Surface};
 use raywave::settings::Integrator;
+use raywave_studies::gallery::generate_gallery;
 use tempfile::TempDir;
 
 /// Lines 1 to 4 of a scene file.

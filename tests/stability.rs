@@ -9,7 +9,7 @@ use common::{assert_silent, device, prepare, scene_from};
 use raywave::render::{Fault, Session, find_faults};
 use raywave::scene::Scene;
 use raywave::settings::{Integrator, Scheduler, Settings, ShadowRays};
-use raywave::stability::{Level, plans};
+use raywave_studies::stability::{Level, plans};
 
 #[test]
 fn all_that_is_promised_holds() {

@@ -4,7 +4,7 @@
 use glam::{Vec3, vec3};
 use proptest::prelude::*;
 use raywave::image::Image;
-use raywave::stats::{
+use raywave_studies::stats::{
     Bootstrap, CONFIDENCE, Estimate, FEWEST_ROUNDS, Interval, Moments, SplitMix64, chi_square, compare_images, mean,
     median, normal_cdf, normal_quantile, quantile, relative_squared_error, sidak_adjusted, sidak_level, standard_error,
     variance, z_test,

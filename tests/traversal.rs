@@ -2,12 +2,16 @@
 //! and where floating point likes to leak.
 
 mod common;
+#[path = "common/meshes.rs"]
+mod meshes;
+#[path = "common/probe.rs"]
+mod probe;
 
 use bytemuck::{Pod, Zeroable};
-use common::meshes::{Mesh, ball, cuboid, placed, soup};
-use common::probe::{Bench, Uniform, lanes, scene_of};
 use common::{device, gallery, own_scene, samples_on};
 use glam::{DMat3, DVec3, Vec3};
+use meshes::{Mesh, ball, cuboid, placed, soup};
+use probe::{Bench, Uniform, lanes, scene_of};
 use raywave::bvh::{self, Bvh, BvhKind, Ray};
 use raywave::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE};
 use raywave::gpu::Device;

@@ -122,3 +122,10 @@ pub struct Member {
 static PORTABLE_LIBRARY: LazyLock<Library> = LazyLock::new(|| Library::of_words(PORTABLE));
 
 include!(concat!(env!("OUT_DIR"), "/kernels.rs"));
+
+/// The self-test's kernels, of `shaders/selftest`.
+pub mod selftest {
+    use super::{Binding, BindingKind, Kernel, Variant};
+
+    include!(concat!(env!("OUT_DIR"), "/selftest.rs"));
+}

@@ -5,7 +5,7 @@ use raywave::film::FilmMoments;
 use raywave::gpu::Device;
 use raywave::settings::Integrator::{self, Explicit, Implicit, Mis};
 use raywave::settings::{Sampler, Settings};
-use raywave::stats::{sidak_level, z_test};
+use raywave_studies::stats::{sidak_level, z_test};
 
 use crate::common::render_on;
 use crate::stage::{Stage, View};

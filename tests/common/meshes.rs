@@ -1,11 +1,12 @@
 //! Triangles for traversal: closed bodies, soups, and what breaks builders.
+#![allow(dead_code, reason = "each test file uses its part")]
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DVec3};
 use raywave::scene::shapes;
 
-use super::probe::Uniform;
+use crate::probe::Uniform;
 
 pub type Mesh = Vec<[DVec3; 3]>;
 

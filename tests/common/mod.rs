@@ -1,9 +1,7 @@
 //! What GPU tests share: a device under validation, scenes from text, renders.
 #![allow(dead_code, reason = "each test file uses its part")]
 
-pub mod meshes;
 pub mod not_tested;
-pub mod probe;
 pub mod project;
 
 use std::path::Path;
@@ -11,11 +9,11 @@ use std::sync::Arc;
 
 pub use project::project_file;
 use raywave::Renderer;
-use raywave::gallery::generate_gallery;
 use raywave::gpu::{Device, Instance};
 use raywave::render::{Outcome, PreparedScene};
 use raywave::scene::Scene;
 use raywave::settings::Settings;
+use raywave_studies::gallery::generate_gallery;
 
 /// Vulkan under validation, or without where `RAYWAVE_NO_VALIDATION` is set, for machines that lack the layer.
 pub fn instance() -> Arc<Instance> {

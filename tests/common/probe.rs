@@ -1,4 +1,5 @@
 //! Calls of single GLSL functions: the probes of `tests/shaders`, on what kernels see of a scene.
+#![allow(dead_code, reason = "each test file uses its part")]
 
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
@@ -13,9 +14,9 @@ use raywave::render::{Defaults, Plan, PreparedScene, scene_buffers};
 use raywave::scene::{Camera, Material, Scene, SceneBuilder, Surface};
 use raywave::settings::Settings;
 use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Forms, Kernel, Library, Variant};
-use raywave::stats::SplitMix64;
+use raywave_studies::stats::SplitMix64;
 
-use super::assert_silent;
+use crate::common::assert_silent;
 
 include!(concat!(env!("OUT_DIR"), "/probes.rs"));
 

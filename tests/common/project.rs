@@ -11,12 +11,15 @@ fn carried() -> Option<PathBuf> {
 
 /// A file of the project, by its path from the project's folder.
 pub fn project_file(path: &str) -> PathBuf {
-    carried().unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).to_path_buf()).join(path)
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = || package.ancestors().find(|folder| folder.join("shaders").is_dir()).expect("shaders are at the root");
+    carried().unwrap_or_else(|| root().to_path_buf()).join(path)
 }
 
-/// The program that is tested.
+/// The program that is tested, for the tests of its package.
 pub fn program() -> PathBuf {
-    carried().map_or_else(|| PathBuf::from(env!("CARGO_BIN_EXE_raywave")), |folder| folder.join("raywave"))
+    let built = || PathBuf::from(option_env!("CARGO_BIN_EXE_raywave").expect("tests of crates/cli have the program"));
+    carried().map_or_else(built, |folder| folder.join("raywave"))
 }
 
 /// A folder, perhaps not yet made, for what a failed test leaves to be looked at.

@@ -7,8 +7,8 @@ use std::error::Error;
 use glam::Vec3;
 use raywave::clocks::{ClockState, Clocks};
 use raywave::image::Image;
-use raywave::stats::{SplitMix64, normal_quantile};
-use raywave::studies::{
+use raywave_studies::stats::{SplitMix64, normal_quantile};
+use raywave_studies::studies::{
     BounceRow, Clock, CompiledKernelRow, Configuration, Design, ExecutableRow, Factor, FigureRow, KernelRow,
     Measurement, PipelineBuild, Purpose, Rays, Renderer, Rounds, SceneFacts, StageWork, Study, WarmUpRow, WorkCounters,
 };

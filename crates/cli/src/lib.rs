@@ -1,0 +1,261 @@
+//! The command line: arguments, resolved settings, progress, warnings. The only room that prints.
+//!
+//! Data goes to stdout, all else to stderr. Exit codes: 0 done, 1 the device failed, 2 bad input
+//! or an output that cannot be written, 130 broken off by a second Ctrl-C.
+
+pub mod compare;
+mod compiled;
+mod devices;
+pub mod diff;
+mod dump_rays;
+mod info;
+pub mod picture;
+mod render;
+mod replay;
+mod selftest;
+mod stability;
+mod start_up;
+mod trace;
+pub mod tradeoff;
+mod tune;
+
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context;
+use clap::{Parser, Subcommand};
+
+use picture::PictureArguments;
+use raywave::gpu::{Device, GpuError, Instance, Tools};
+use raywave::render::RenderError;
+use raywave::scene::Scene;
+use raywave_studies::lab::{Asked, ChildFailed, DeviceRenderer, StartUp, cache_folder};
+use raywave_studies::studies::{Provenance, Renderer};
+
+/// A Vulkan compute path tracer that is also a measuring instrument
+#[derive(Debug, Parser)]
+#[command(version, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Render(render::RenderArguments),
+    /// List the Vulkan devices and the one that a render would take
+    Devices(devices::DevicesArguments),
+    Info(info::InfoArguments),
+    Diff(diff::DiffArguments),
+    Compare(Box<compare::CompareArguments>),
+    Tradeoff(Box<tradeoff::TradeoffArguments>),
+    StartUp(start_up::StartUpArguments),
+    #[command(hide = true)]
+    FirstSample(start_up::FirstSampleArguments),
+    DumpRays(dump_rays::DumpRaysArguments),
+    Replay(replay::ReplayArguments),
+    Tune(tune::TuneArguments),
+    Stability(stability::StabilityArguments),
+    Selftest(selftest::SelftestArguments),
+    Gallery(GalleryArguments),
+}
+
+/// Write the gallery: a rich scene of many materials and lights
+#[derive(Debug, clap::Args)]
+struct GalleryArguments {
+    /// Folder for gallery.toml and its files; made where it is missing
+    folder: PathBuf,
+    /// Triangles, about
+    #[arg(long, default_value_t = 120_000, value_parser = clap::value_parser!(u32).range(5_000..=100_000_000))]
+    triangles: u32,
+}
+
+/// Runs the program.
+pub fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) if !error.use_stderr() => {
+            // Help and version are data. There is nobody to tell where stdout is closed.
+            let _ = error.print();
+            return ExitCode::SUCCESS;
+        }
+        Err(error) if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            let _ = error.print();
+            return ExitCode::from(2);
+        }
+        Err(error) => {
+            eprintln!("{}", without_usage(&error));
+            return ExitCode::from(2);
+        }
+    };
+    let result = match arguments.command {
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Devices(arguments) => devices::run(&arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Diff(arguments) => diff::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments, |arguments| {
+            renderer(&arguments.picture, arguments.start_ups, arguments.quiet, arguments.clocks.clone())
+        }),
+        Command::Tradeoff(arguments) => tradeoff::run(&arguments, |arguments| {
+            renderer(&arguments.picture, 0, arguments.quiet, arguments.clocks.clone())
+        }),
+        Command::StartUp(arguments) => start_up::run_command(&arguments),
+        Command::FirstSample(arguments) => start_up::first_sample(&arguments),
+        Command::DumpRays(arguments) => dump_rays::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
+        Command::Tune(arguments) => tune::run(&arguments),
+        Command::Stability(arguments) => stability::run(&arguments),
+        Command::Selftest(arguments) => selftest::run(&arguments),
+        Command::Gallery(GalleryArguments { folder, triangles }) => {
+            raywave_studies::gallery::generate_gallery(&folder, triangles as usize).map_err(Into::into)
+        }
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Names of files may hold line breaks.
+            eprintln!("error: {}", format!("{error:#}").replace(char::is_control, " "));
+            exit_code(&error)
+        }
+    }
+}
+
+/// 1 where the device failed, 2 where the user can mend it.
+fn exit_code(error: &anyhow::Error) -> ExitCode {
+    if let Some(child) = error.downcast_ref::<ChildFailed>() {
+        return ExitCode::from(child.code);
+    }
+    if error.is::<stability::BrokenPromise>() || error.is::<selftest::OffDevice>() {
+        return ExitCode::from(1);
+    }
+    let render = error.downcast_ref::<RenderError>();
+    if matches!(render, Some(RenderError::WrongAnswer { .. } | RenderError::Unstable { .. })) {
+        return ExitCode::from(1);
+    }
+    let gpu = error.downcast_ref::<GpuError>().or(match render {
+        Some(RenderError::Gpu(gpu)) => Some(gpu),
+        _ => None,
+    });
+    let user = matches!(
+        gpu,
+        None | Some(
+            GpuError::UnknownDevice { .. }
+                | GpuError::UnusableDevice { .. }
+                | GpuError::BufferTooLarge { .. }
+                | GpuError::OutOfMemory { .. }
+                | GpuError::NoLabels
+        )
+    );
+    ExitCode::from(if user { 2 } else { 1 })
+}
+
+/// What clap has to say about wrong arguments, without usage, in one line.
+fn without_usage(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let said: Vec<_> = text
+        .lines()
+        .map(str::trim)
+        .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more information"))
+        .filter(|line| !line.is_empty())
+        .collect();
+    format!("{}; see --help", said.join(" "))
+}
+
+/// The renderer of a study on the device that is wanted, and where the study is made.
+fn renderer(
+    picture: &PictureArguments,
+    start_ups: usize,
+    quiet: bool,
+    clocks: Option<String>,
+) -> anyhow::Result<(Box<dyn Renderer>, Provenance)> {
+    let start_up = if start_ups > 0 { Some(StartUp::new(picture.device(), start_ups)?) } else { None };
+    let of_scene = picture.clone();
+    let asked = Asked {
+        settings: Box::new(move |scene| of_scene.settings(scene)),
+        tuned: picture.tuned(),
+        start_up,
+        warn: Box::new(warn_unless(quiet)),
+    };
+    let renderer = DeviceRenderer::new(picture.open_device()?, asked)?;
+    let provenance = Provenance { clocks, ..renderer.sign(compare::provenance()) };
+    Ok((Box::new(renderer), provenance))
+}
+
+/// Writes warnings to stderr unless quiet.
+fn warn_unless(quiet: bool) -> impl FnMut(&str) {
+    move |warning| {
+        if !quiet {
+            eprintln!("warning: {warning}");
+        }
+    }
+}
+
+/// A number of rounds or the like.
+fn at_least_one(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|&number| number > 0).ok_or_else(|| "it is not a whole number from 1 on".to_owned())
+}
+
+/// The scene of that path, or the built-in Cornell box. Its warnings go to stderr unless quiet.
+fn load_scene(path: Option<&Path>, quiet: bool) -> anyhow::Result<Scene> {
+    let scene = match path {
+        Some(path) => Scene::load(path)?,
+        None => Scene::cornell_box(),
+    };
+    let mut warn = warn_unless(quiet);
+    scene.warnings.iter().for_each(|warning| warn(warning));
+    Ok(scene)
+}
+
+/// Opens the device of that number or part of a name, or the best one.
+fn open_device(wanted: Option<&str>) -> anyhow::Result<Device> {
+    open_device_with(wanted, Tools::default())
+}
+
+/// As [`open_device`], with what shall be seen of it.
+fn open_device_with(wanted: Option<&str>, tools: Tools) -> anyhow::Result<Device> {
+    let instance = Arc::new(Instance::with_tools(tools)?);
+    let description = instance.choose(wanted)?;
+    Ok(Device::open_with_cache(&instance, description, cache_folder().as_deref())?)
+}
+
+/// Prints data. A reader that has read enough, as `head` does, is no error.
+fn print(text: &str) -> anyhow::Result<()> {
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        outcome => outcome.context("cannot print"),
+    }
+}
+
+/// A flag that the first Ctrl-C raises, with words on what happens now. The second one ends the
+/// program.
+fn stop_on_interrupt(words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let raised = Arc::clone(&flag);
+    ctrlc::set_handler(move || {
+        if raised.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        eprintln!("\n{words}");
+    })
+    .context("cannot listen for Ctrl-C")?;
+    Ok(flag)
+}
+
+/// Says whether a text file can be written there, before the work begins.
+fn check_text_output(path: &Path) -> anyhow::Result<()> {
+    raywave::whole_file::check(path).with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Writes a text file whole.
+fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
+    raywave::whole_file::write(path, |file| file.write_all(text.as_bytes()))
+        .with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Bytes for people.
+fn readable_bytes(bytes: u64) -> String {
+    indicatif::BinaryBytes(bytes).to_string()
+}

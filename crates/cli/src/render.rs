@@ -1,0 +1,420 @@
+//! `raywave render`.
+
+use std::io::IsTerminal;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, ensure};
+use glam::Vec3;
+use indicatif::{HumanCount, ProgressBar, ProgressStyle};
+use serde_json::{Map, Value, json};
+
+use raywave::clocks::{self, ClockState};
+use raywave::facts::{self, Facts};
+use raywave::film::{FilmMoments, ImageMean, MeanSum};
+use raywave::gpu::{DeviceDescription, GpuError, Tools};
+use raywave::image::{Image, WriteOptions, check_output, write_image};
+use raywave::render::{
+    Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Session, SessionOptions,
+    Statistics, find_faults,
+};
+use raywave::scene::Scene;
+use raywave::settings::{SETTINGS, Settings};
+use raywave::trace::Stages;
+use raywave_studies::export::plain;
+use raywave_studies::lab::{self, Tuning, tuning};
+use raywave_studies::studies::CompiledKernelRow;
+
+use super::picture::PictureArguments;
+use super::tradeoff::duration;
+use super::{
+    check_text_output, compiled, load_scene, open_device_with, stop_on_interrupt, trace, warn_unless, write_text,
+};
+
+/// Render a scene to an image
+#[derive(Debug, clap::Args)]
+pub struct RenderArguments {
+    /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
+    scene: Option<PathBuf>,
+    /// Image to write: .png (sRGB), .exr (linear, with metadata) or .hdr (linear)
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    #[command(flatten)]
+    picture: PictureArguments,
+    /// Exposure of a PNG in stops: radiance is multiplied by 2^STOPS
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    exposure: f32,
+    /// Write what the render cost, as JSON
+    #[arg(long, value_name = "FILE")]
+    stats: Option<PathBuf>,
+    /// Write what host and device did when, in Chrome's trace format, for Perfetto
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Name every Vulkan object and label passes and bounces, even if no layer is known that shows it
+    #[arg(long)]
+    labels: bool,
+    /// Time between two looks at the device's film, which is all that is lost with a device
+    /// (5s)
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    keep_every: Option<f64>,
+    /// Submissions after which the device counts as lost: the first one, the one that is opened then
+    #[arg(long, value_name = "SUBMISSIONS", value_delimiter = ',', hide = true)]
+    lose_device: Vec<u64>,
+    /// No progress, warnings or summary
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// After Ctrl-C, time in which a render may come to equal samples in all pixels before it ends without.
+const EVEN_WITHIN: Duration = Duration::from_millis(250);
+
+pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
+    let begun = Instant::now();
+    check_output(&arguments.output)?;
+    let outputs = [("--stats", &arguments.stats), ("--trace", &arguments.trace)];
+    let mut named = vec![("--output", &arguments.output)];
+    for (flag, path) in outputs.into_iter().filter_map(|(flag, path)| Some((flag, path.as_ref()?))) {
+        check_text_output(path)?;
+        for (other, taken) in &named {
+            ensure!(!is_same_file(path, taken)?, "{}: {flag} and {other} name the same file", path.display());
+        }
+        named.push((flag, path));
+    }
+    ensure!(arguments.exposure.is_finite(), "--exposure {} is not a number of stops", arguments.exposure);
+    let stages = if arguments.trace.is_some() { Stages::kept() } else { Stages::default() };
+    let tools = Tools { labels: arguments.labels, stages: stages.clone(), ..Tools::default() };
+    let loading = stages.begin("load scene");
+    let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
+    drop(loading);
+    let settings = arguments.picture.settings(&scene)?;
+    let mut device = open_device_with(arguments.picture.device(), tools.clone())?;
+    let measuring = stages.begin("measure device");
+    let mut defaults = Defaults::of(&device)?;
+    drop(measuring);
+    if arguments.picture.tuned() {
+        let tuning = Tuning::of_scene(device.description(), &scene, &mut warn_unless(arguments.quiet));
+        defaults = defaults.with(tuning.chosen());
+    }
+    let prepared = PreparedScene::in_stages(&scene, &settings, &defaults, &stages)?;
+    let options = SessionOptions { tuned: defaults.tuned, ..SessionOptions::default() };
+    let session = Session::with_options(&device, &prepared, &settings, options)?;
+    let compiled = match &arguments.stats {
+        Some(_) => {
+            let _stage = stages.begin("describe kernels");
+            lab::compiled_kernels(&session, device.description())?
+        }
+        None => Vec::new(),
+    };
+    let mut losses = arguments.lose_device.iter();
+    losses.next().into_iter().for_each(|&submissions| device.lose_after(submissions));
+
+    let interrupted = stop_on_interrupt("writing the samples that are done; Ctrl-C again gives them up")?;
+    let mut interrupted_at = None;
+    let bar = progress_bar(arguments.quiet, settings.samples);
+    let mut progress = |progress: &Progress| {
+        show(&bar, progress);
+        if !interrupted.load(Ordering::Relaxed) {
+            return ControlFlow::Continue(());
+        }
+        let waited = interrupted_at.get_or_insert_with(Instant::now).elapsed();
+        ControlFlow::Break(if waited < EVEN_WITHIN { Ending::Even } else { Ending::Now })
+    };
+    // Of a tile that is done the mean is kept, an eighth of its film.
+    let mut pixels = room_for_pixels(&settings)?;
+    let mut mean = MeanSum::default();
+    let mut finished = |rows: FilmMoments| {
+        pixels.extend(rows.mean().pixels);
+        mean.add(&rows);
+    };
+    let mut kept = Kept::every(arguments.keep_every.map_or(Kept::EVERY, Duration::from_secs_f64));
+    let clocks = clocks::of_device(device.description().uuid);
+    let state = || clocks.as_ref().map(|clocks| clocks.state());
+    let clocks_before = state();
+    let mut traces = Vec::new();
+    let most_passes = arguments.trace.is_some().then_some(trace::MOST_PASSES);
+    let mut rendered = go_on(session, most_passes, &mut traces, &mut kept, &mut progress, &mut finished);
+    let lost = rendered.as_ref().err().filter(|error| is_lost_device(error)).map(|error| format!("{error:#}"));
+    if let Some(lost) = lost {
+        let count = HumanCount(kept.sample_count());
+        eprintln!("warning: {lost}; it is opened anew, and the render goes on from {count} samples");
+        rendered = open_device_with(arguments.picture.device(), tools).and_then(|again| {
+            let name = again.description().cache_name();
+            ensure!(name == device.description().cache_name(), "{lost}; it did not come back");
+            device = again;
+            let session = Session::with_options(&device, &prepared, &settings, options)?;
+            losses.next().into_iter().for_each(|&submissions| device.lose_after(submissions));
+            go_on(session, most_passes, &mut traces, &mut kept, &mut progress, &mut finished)
+        });
+    }
+    let clocks_after = state();
+    bar.finish_and_clear();
+    let (statistics, failure) = match rendered {
+        Ok(statistics) => (statistics, None),
+        // The image is worth more than what ended it early.
+        Err(error) => match kept.end(&mut finished) {
+            Some(statistics) => (statistics, Some(error)),
+            None => return Err(error),
+        },
+    };
+    // Nothing is known of rows that a broken-off render has not come to.
+    pixels.resize(settings.width as usize * settings.height as usize, Vec3::NAN);
+    let image = Image::new(settings.width, settings.height, pixels);
+
+    // Here too: it is written even if the device fails now.
+    let faults = match failure {
+        None => find_faults(&device, &prepared, &settings, &statistics).map_err(anyhow::Error::from),
+        Some(error) => Err(error),
+    };
+    let report = Report {
+        scene: &scene,
+        prepared: &prepared,
+        settings: &settings,
+        device: device.description(),
+        facts: &*facts::of(&device)?,
+        exposure: arguments.exposure,
+        faults: faults.as_deref().unwrap_or_default(),
+        digest: image.digest(),
+        compiled: &compiled,
+        clocks: [clocks_before, clocks_after],
+    };
+    let writing = stages.begin("write files");
+    write(arguments, &report, &image, &statistics, &mean.mean())?;
+    drop(writing);
+    if let Some(path) = &arguments.trace {
+        trace::write(path, begun, &stages.ended(), &device.description().name, &traces)?;
+    }
+    if !arguments.quiet {
+        summarise(arguments, &report, &statistics);
+        warn_of_dropped(&traces);
+    }
+    faults?;
+    Ok(())
+}
+
+/// Renders as [`Session::go_on`] says, and adds what the device did to the traces if so many passes of it are wanted. The
+/// session ends with it.
+fn go_on(
+    mut session: Session,
+    most_passes: Option<usize>,
+    traces: &mut Vec<DeviceTrace>,
+    kept: &mut Kept,
+    progress: impl FnMut(&Progress) -> ControlFlow<Ending>,
+    finished: impl FnMut(FilmMoments),
+) -> anyhow::Result<Statistics> {
+    most_passes.map_or(Ok(()), |most| session.keep_trace(most))?;
+    let rendered = session.go_on(kept, progress, finished);
+    traces.extend(session.take_trace());
+    Ok(rendered?)
+}
+
+fn warn_of_dropped(traces: &[DeviceTrace]) {
+    let dropped: usize = traces.iter().map(DeviceTrace::dropped_passes).sum();
+    if dropped > 0 {
+        eprintln!(
+            "warning: the trace has the first {} passes alone; {dropped} more were left out",
+            HumanCount(trace::MOST_PASSES as u64)
+        );
+    }
+}
+
+fn is_lost_device(error: &anyhow::Error) -> bool {
+    let lost = error.downcast_ref::<RenderError>();
+    matches!(lost, Some(RenderError::Gpu(GpuError::DeviceLost { .. })))
+}
+
+/// Room for all pixels, so that a large image fails before the work and not after it.
+fn room_for_pixels(settings: &Settings) -> anyhow::Result<Vec<Vec3>> {
+    let Settings { width, height, .. } = *settings;
+    let count = width as usize * height as usize;
+    let mut pixels = Vec::new();
+    pixels.try_reserve_exact(count).with_context(|| {
+        let needed = count * size_of::<Vec3>();
+        format!("an image of {width}x{height} needs {needed} bytes of memory; use a smaller --width or --height")
+    })?;
+    Ok(pixels)
+}
+
+/// Whether two paths whose folders exist name one file, however they are spelled.
+pub fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
+    let folder = |path: &Path| std::path::absolute(path)?.parent().unwrap_or(path).canonicalize();
+    Ok(a.file_name() == b.file_name() && folder(a)? == folder(b)?)
+}
+
+fn progress_bar(quiet: bool, samples: u32) -> ProgressBar {
+    if quiet || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{wide_bar} {percent}% of {msg}, {eta} left")
+        .expect("the template is well formed");
+    ProgressBar::new(1).with_style(style).with_message(format!("{samples} samples"))
+}
+
+fn show(bar: &ProgressBar, progress: &Progress) {
+    if bar.is_hidden() {
+        return;
+    }
+    let seconds = progress.elapsed.as_secs_f64().max(1e-9);
+    let (samples, rays) = (progress.samples_done as f64 / seconds, progress.rays as f64 / seconds);
+    bar.set_length(progress.samples_total);
+    bar.set_position(progress.samples_done);
+    bar.set_message(format!(
+        "{} samples, {:.2} M samples/s, {:.2} M rays/s",
+        HumanCount(progress.samples_total),
+        samples / 1e6,
+        rays / 1e6
+    ));
+}
+
+/// All that belongs to a result.
+struct Report<'a> {
+    scene: &'a Scene,
+    prepared: &'a PreparedScene,
+    settings: &'a Settings,
+    device: &'a DeviceDescription,
+    facts: &'a Facts,
+    /// Of a PNG, in stops.
+    exposure: f32,
+    /// Samples that were not finite, as many as were traced.
+    faults: &'a [Fault],
+    /// [`Image::digest`].
+    digest: String,
+    /// What the compiler made of the kernels; empty where nobody asks.
+    compiled: &'a [CompiledKernelRow],
+    /// Of the device, before and after, where something tells of them.
+    clocks: [Option<ClockState>; 2],
+}
+
+impl Report<'_> {
+    fn settings(&self, statistics: &Statistics) -> Map<String, Value> {
+        lab::record(self.scene, self.settings, self.device, statistics)
+    }
+
+    fn statistics(&self, statistics: &Statistics, mean: &ImageMean) -> Value {
+        let wall = statistics.wall_time.as_secs_f64();
+        let kernels: Map<_, _> = statistics
+            .kernels()
+            .into_iter()
+            .map(|(name, time)| {
+                let instructions =
+                    self.compiled.iter().find(|kernel| kernel.kernel == name).map(|kernel| kernel.spirv_instructions);
+                let told =
+                    json!({ "gpu_seconds": time.seconds, "launches": time.launches, "instructions": instructions });
+                (name.to_owned(), told)
+            })
+            .collect();
+        json!({
+            "settings": self.settings(statistics),
+            "pixels_blake3": self.digest,
+            "device_facts": self.facts,
+            "exposure_stops": self.exposure,
+            "samples": statistics.sample_count,
+            "samples_per_second": statistics.sample_count as f64 / wall,
+            "rays": statistics.rays(),
+            "rays_per_second": statistics.rays() as f64 / wall,
+            "camera_rays": statistics.camera_rays,
+            "bounce_rays": statistics.bounce_rays,
+            "shadow_rays": statistics.shadow_rays,
+            "nonfinite_samples": statistics.nonfinite_samples,
+            "nonfinite_traced": self.faults.iter().map(fault_record).collect::<Vec<_>>(),
+            "wall_seconds": wall,
+            "gpu_seconds": statistics.gpu_seconds,
+            "idle_seconds": statistics.idle.between,
+            "clocks_before": self.clocks[0],
+            "clocks_after": self.clocks[1],
+            "kernels": kernels,
+            "compiled_kernels": compiled::record(self.compiled),
+            "triangles": self.prepared.triangles.len(),
+            "bvh_nodes": self.prepared.bvh.node_count,
+            "bvh_build_seconds": self.prepared.bvh.build_time.as_secs_f64(),
+            "device_memory_bytes": statistics.memory_bytes,
+            "mean_radiance": mean.mean.to_array(),
+            "mean_radiance_standard_error": mean.standard_error.to_array().map(|e| e.is_finite().then_some(e)),
+        })
+    }
+}
+
+fn write(
+    arguments: &RenderArguments,
+    report: &Report<'_>,
+    image: &Image,
+    statistics: &Statistics,
+    mean: &ImageMean,
+) -> anyhow::Result<()> {
+    let mut settings = report.settings(statistics);
+    settings.insert("pixels_blake3".to_owned(), report.digest.clone().into());
+    let metadata: Vec<(String, String)> =
+        settings.into_iter().map(|(key, value)| (format!("raywave.{key}"), plain(&value))).collect();
+    let options = WriteOptions { exposure: arguments.exposure, metadata: &metadata };
+    write_image(&arguments.output, image, &options)?;
+    if let Some(path) = &arguments.stats {
+        let text =
+            serde_json::to_string_pretty(&report.statistics(statistics, mean)).context("statistics become JSON")?;
+        write_text(path, &(text + "\n"))?;
+    }
+    Ok(())
+}
+
+fn fault_record(fault: &Fault) -> Value {
+    let Fault { x, y, sample, bounce } = *fault;
+    json!({ "x_pixels": x, "y_pixels": y, "sample": sample, "bounce": bounce })
+}
+
+/// Digits of the pixels' digest that a summary shows; the whole stands in metadata and statistics.
+const NAMED_DIGITS: usize = 16;
+
+/// Most samples that a summary names.
+const NAMED_FAULTS: usize = 4;
+
+fn warn_of_faults(count: u32, faults: &[Fault]) {
+    let name = |fault: &Fault| {
+        let Fault { x, y, sample, .. } = fault;
+        let bounce =
+            fault.bounce.map_or("no bounce when followed again".to_owned(), |bounce| format!("bounce {bounce}"));
+        format!("pixel ({x}, {y}) sample {sample} at {bounce}")
+    };
+    let named: Vec<String> = faults.iter().take(NAMED_FAULTS).map(name).collect();
+    let more = if count as usize > named.len() { ", ..." } else { "" };
+    eprintln!(
+        "warning: {count} samples were NaN or infinite and are left out, so their pixels are too dark: {}{more}; look for extreme \
+         numbers in the materials",
+        named.join(", ")
+    );
+}
+
+fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Statistics) {
+    let settings = report.settings;
+    let seconds = statistics.wall_time.as_secs_f64();
+    let mut part = String::new();
+    if statistics.samples < settings.samples {
+        part += &format!(", of {} asked for", settings.samples);
+    }
+    if statistics.rows < settings.height {
+        part += &format!(", in rows 1 to {} alone", statistics.rows);
+    }
+    if statistics.bands.len() > 1 {
+        part += &format!(" (rows x samples from the top: {})", lab::samples_by_rows(statistics));
+    }
+    let tuned = if statistics.choices.tuned {
+        format!("; tuned: {}", tuning::in_words(&statistics.choices))
+    } else {
+        String::new()
+    };
+    eprintln!(
+        "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s, pixels {}{tuned}",
+        arguments.output.display(),
+        settings.width,
+        settings.height,
+        statistics.samples,
+        statistics.sample_count as f64 / seconds / 1e6,
+        statistics.rays() as f64 / seconds / 1e6,
+        &report.digest[..NAMED_DIGITS],
+    );
+    for bias in SETTINGS.iter().filter_map(|setting| (setting.bias)(settings)) {
+        eprintln!("warning: the image is biased: {bias}");
+    }
+    if statistics.nonfinite_samples > 0 {
+        warn_of_faults(statistics.nonfinite_samples, report.faults);
+    }
+}

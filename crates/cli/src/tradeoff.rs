@@ -1,0 +1,185 @@
+//! `raywave tradeoff`: what speed costs in error for a scene, and what reaches an error soonest.
+//!
+//! From arguments to a [`Sweep`], its reference, its progress and its files. What renders is handed in.
+
+use std::io::IsTerminal;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+
+use indicatif::ProgressBar;
+
+use super::at_least_one;
+use super::picture::PictureArguments;
+use super::{print, readable_bytes, stop_on_interrupt};
+use raywave_studies::export::numbers::seconds;
+use raywave_studies::export::{Document, Exports, Format};
+use raywave_studies::lab::References;
+use raywave_studies::stats::Bootstrap;
+use raywave_studies::studies::tradeoff::{Sweep, SweepEvent, SweepPlan};
+use raywave_studies::studies::{Provenance, Renderer};
+
+/// Measure what speed costs in error: which settings buy most, which are free, which are never worth it
+///
+/// Renders a reference, turns one knob at a time, then what was worth it together along the number of samples, in
+/// rounds of random order and by other random numbers each; tells bias from variance, and the Pareto front.
+#[derive(Debug, Clone, clap::Args)]
+pub struct TradeoffArguments {
+    /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
+    #[arg(value_name = "SCENE")]
+    pub scene: Option<String>,
+    /// Rendering time that it may take, such as 90s, 10m or 1h; building kernels and writing files come on top
+    #[arg(long, value_name = "TIME", default_value = "10m", value_parser = duration)]
+    pub budget: f64,
+    /// Renders of each point, at most
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = at_least_one)]
+    pub rounds: usize,
+    /// Image to hold renders against, instead of one that is rendered
+    #[arg(long, value_name = "FILE")]
+    pub reference: Option<PathBuf>,
+    /// relMSE by its own noise at which a rendered reference is good enough
+    #[arg(long, value_name = "E", default_value_t = 1e-5, value_parser = above_zero, conflicts_with = "reference")]
+    pub reference_error: f64,
+    /// Ask what reaches this relMSE soonest
+    #[arg(long, value_name = "E", value_parser = above_zero)]
+    pub target_error: Option<f64>,
+    /// Seed of the order of the renders
+    #[arg(long, value_name = "SEED", default_value_t = 0)]
+    pub order_seed: u64,
+    /// Clocks and power limits of the device, for the record
+    #[arg(long, value_name = "TEXT")]
+    pub clocks: Option<String>,
+    /// The base: what to render, and on which device. Without --samples as many as the budget has room for.
+    #[command(flatten)]
+    pub picture: PictureArguments,
+    /// Exposure of the images in the page, in stops
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub exposure: f32,
+    /// Write everything, as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Write a row for each point, as CSV
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Write tables, as Markdown
+    #[arg(long, value_name = "FILE")]
+    pub markdown: Option<PathBuf>,
+    /// Write a page with the front, tables and images
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// No plan, progress or warnings
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// The sweep that the arguments ask for.
+pub fn sweep(arguments: &TradeoffArguments) -> Sweep {
+    Sweep {
+        scene: arguments.scene.clone().unwrap_or_default(),
+        budget_seconds: arguments.budget,
+        rounds: arguments.rounds,
+        fixed_samples: arguments.picture.has_samples(),
+        reference_error: arguments.reference_error,
+        target: arguments.target_error,
+        bootstrap: Bootstrap { resamples: 2000, ..Bootstrap::default() },
+        seed: arguments.order_seed,
+    }
+}
+
+/// Carries the sweep out with a renderer that `open` makes, keeps the files up to date, and prints tables to stdout. A
+/// scene that is the empty text is the built-in one.
+///
+/// # Errors
+/// Files that cannot be written, a scene or a base that does not render, a reference that does not fit.
+pub fn run(
+    arguments: &TradeoffArguments,
+    open: impl FnOnce(&TradeoffArguments) -> anyhow::Result<(Box<dyn Renderer>, Provenance)>,
+) -> anyhow::Result<()> {
+    let mut exports = Exports::open(files(arguments), arguments.exposure)?;
+    let mut references = References::new(arguments.reference.as_deref(), arguments.reference_error, arguments.budget)?;
+    let (mut renderer, provenance) = open(arguments)?;
+    let interrupted =
+        stop_on_interrupt("ending after this render; the files keep what there is; Ctrl-C again gives it up")?;
+    let hidden = arguments.quiet || !std::io::stderr().is_terminal();
+    let bar = if hidden { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
+
+    let sweep = sweep(arguments);
+    let mut unwritten = None;
+    let outcome = sweep.run(renderer.as_mut(), &mut references, &mut |event| {
+        match event {
+            SweepEvent::Planned(plan) if !arguments.quiet => bar.suspend(|| eprintln!("{}", plan_text(plan))),
+            SweepEvent::Planned(_) => {}
+            SweepEvent::Rendering { label, round } => {
+                let step = round.map_or_else(String::new, |round| format!("round {}: ", round + 1));
+                bar.set_message(format!("{step}{label}"));
+                bar.tick();
+            }
+            SweepEvent::Updated(report) => {
+                if let Err(error) = exports.update(&Document { provenance: &provenance, report }) {
+                    unwritten = Some(error);
+                    return ControlFlow::Break(());
+                }
+            }
+        }
+        if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    bar.finish_and_clear();
+    if let Some(error) = unwritten {
+        return Err(error.into());
+    }
+    let report = outcome?;
+    if let (Some(warning), false) = (references.warning(), arguments.quiet) {
+        eprintln!("warning: {warning}");
+    }
+    let document = Document { provenance: &provenance, report: &report };
+    exports.write(&document)?;
+    print(&document.markdown())
+}
+
+fn plan_text(plan: &SweepPlan) -> String {
+    let SweepPlan { stage, points, rounds, seconds: time, image_bytes } = plan;
+    let memory = if *image_bytes > 0 { format!(", {} of images", readable_bytes(*image_bytes)) } else { String::new() };
+    let listed = if points.len() > 1 { format!("\n    {}", points.join("\n    ")) } else { String::new() };
+    format!("{stage}: {} points, up to {rounds} rounds, about {}{memory}{listed}", points.len(), seconds(*time))
+}
+
+fn files(arguments: &TradeoffArguments) -> Vec<(Format, PathBuf)> {
+    let named = [
+        (Format::Json, &arguments.json),
+        (Format::Csv, &arguments.csv),
+        (Format::Markdown, &arguments.markdown),
+        (Format::Html, &arguments.html),
+    ];
+    named.into_iter().filter_map(|(format, path)| Some((format, path.clone()?))).collect()
+}
+
+fn above_zero(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| *number > 0.0 && number.is_finite());
+    number.ok_or_else(|| "it is not a number above 0".to_owned())
+}
+
+/// Seconds of a time such as 90s, 10m or 1h.
+pub(super) fn duration(text: &str) -> Result<f64, String> {
+    let (number, unit) = match text.as_bytes().last() {
+        Some(b's') => (&text[..text.len() - 1], 1.0),
+        Some(b'm') => (&text[..text.len() - 1], 60.0),
+        Some(b'h') => (&text[..text.len() - 1], 3600.0),
+        _ => (text, 1.0),
+    };
+    above_zero(number).map(|number| number * unit).map_err(|_| "it is not a time such as 90s, 10m or 1h".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_units() {
+        for (text, seconds) in [("90", Some(90.0)), ("1.5s", Some(1.5)), ("10m", Some(600.0)), ("1h", Some(3600.0))] {
+            assert_eq!(duration(text).ok(), seconds, "{text}");
+        }
+        for text in ["", "m", "-1s", "0", "ten", "1d", "inf", "é"] {
+            assert!(duration(text).is_err(), "{text}");
+        }
+    }
+}

@@ -1,7 +1,0 @@
-//! The command line of raywave.
-
-use std::process::ExitCode;
-
-fn main() -> ExitCode {
-    raywave::cli::main()
-}
