@@ -10,9 +10,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs, process, thread};
 
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
 use rspirv::binary::Assemble;
 use rspirv::dr::{Block, Instruction, Module, Operand};
 use rspirv::spirv::{BuiltIn, Decoration, Op, StorageClass};
@@ -216,7 +219,7 @@ impl Table {
                     }
                 };
                 let reflection = Reflection::of(&module);
-                let entry = reflection.entry(&file);
+                let entry = reflection.entry(&file, module);
                 table.structs.extend(reflection.structs);
                 table.buffers.extend(reflection.buffers);
                 entries.insert(text, entry.clone());
@@ -363,10 +366,15 @@ fn compile(
         .map_err(|error| error.to_string())?;
     let mut module = rspirv::dr::load_words(artifact.as_binary()).map_err(|error| format!("{path}: {error}"))?;
     keep_loops_in_variables(&mut module);
-    if env::var_os("CARGO_FEATURE_SHADER_SOURCE").is_none() {
+    if !has_source() {
         remove_source(&mut module);
     }
     Ok(module)
+}
+
+/// Whether kernels carry their source, by the feature `shader-source`.
+fn has_source() -> bool {
+    env::var_os("CARGO_FEATURE_SHADER_SOURCE").is_some()
 }
 
 /// Takes out the source text, and the lines that instructions come from: more than half of a module, of use to
@@ -587,10 +595,21 @@ impl Reflection {
         }
     }
 
-    fn entry(&self, file: &Path) -> String {
+    /// The entry of a module, which is deflated into a file beside its own; names are for profilers that show sources.
+    fn entry(&self, file: &Path, mut module: Module) -> String {
+        if !has_source() {
+            module.debug_names.clear();
+        }
+        let deflated = file.with_extension("zlib");
+        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
+        // The bytes of all words by their place in a word: alike ones stand together, and a sixth less is left.
+        let words = module.assemble();
+        let planes: Vec<u8> = (0..4).flat_map(|place| words.iter().map(move |w| w.to_le_bytes()[place])).collect();
+        encoder.write_all(&planes).expect("memory takes all");
+        fs::write(&deflated, encoder.finish().expect("memory takes all")).expect("OUT_DIR can be written");
         format!(
-            "        Variant {{ spirv: include_bytes!({:?}), bindings: &[{}], push_constant_size: {} }},",
-            file,
+            "        Variant {{ deflated: include_bytes!({:?}), bindings: &[{}], push_constant_size: {} }},",
+            deflated,
             self.bindings.join(", "),
             self.push_constant_size
         )

@@ -76,7 +76,7 @@ fn the_validator_refuses_what_is_broken() {
     }
     let kernel = KERNELS.iter().find(|kernel| kernel.name == "connect").expect("there is such a kernel");
     let access = raywave::shaders::Access { texel_fetch: false, subgroup_ballot: false };
-    let mut words: Vec<u32> = bytemuck::pod_collect_to_vec(kernel.variant(Edition::Plain, access).spirv);
+    let mut words = kernel.variant(Edition::Plain, access).words();
     assert_eq!(refusal(&words), None);
     // Without its last instruction the function has no end.
     words.pop();

@@ -7,7 +7,10 @@ mod link;
 mod specialize;
 mod variant;
 
+use std::io::Read as _;
 use std::sync::LazyLock;
+
+use flate2::read::ZlibDecoder;
 
 pub use arithmetic::{Arithmetic, Form, Forms};
 pub use link::Library;
@@ -60,12 +63,27 @@ impl Kernel {
 /// One build of a kernel.
 #[derive(Debug)]
 pub struct Variant {
-    /// SPIR-V words in native byte order.
-    pub spirv: &'static [u8],
+    /// SPIR-V words, the lowest bytes of all first, then the second ones, and so on; deflated (zlib), since all kernels
+    /// together have 11 MB.
+    pub deflated: &'static [u8],
     /// What the kernel binds, sorted by set and binding.
     pub bindings: &'static [Binding],
     /// Bytes of push constants that the kernel declares; 0 for none.
     pub push_constant_size: u32,
+}
+
+impl Variant {
+    /// Its SPIR-V words.
+    ///
+    /// # Panics
+    /// When they are not what `build.rs` made.
+    pub fn words(&self) -> Vec<u32> {
+        let mut planes = Vec::new();
+        ZlibDecoder::new(self.deflated).read_to_end(&mut planes).expect("build.rs deflated it");
+        let count = planes.len() / 4;
+        let word = |i| u32::from_le_bytes(std::array::from_fn(|place| planes[place * count + i]));
+        (0..count).map(word).collect()
+    }
 }
 
 /// A descriptor that a kernel uses.

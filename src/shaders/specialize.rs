@@ -47,8 +47,7 @@ impl Variant {
     /// When the SPIR-V is not what `build.rs` made.
     pub fn specialize(&self, build: &Build<'_>) -> Specialized {
         let constants = build.constants;
-        let words: Vec<u32> = bytemuck::pod_collect_to_vec(self.spirv);
-        let mut module = rspirv::dr::load_words(&words).expect("build.rs has read this SPIR-V");
+        let mut module = rspirv::dr::load_words(self.words()).expect("build.rs has read this SPIR-V");
         let live = live_blocks(&module, constants);
         let is_live = |block: &Block| live.contains(&label(block));
 
@@ -301,8 +300,7 @@ mod tests {
     fn loops_begin_without_phis_and_continue_blocks_without_stores() {
         let mut loops = 0;
         for variant in KERNELS.iter().flat_map(|kernel| kernel.variants) {
-            let words: Vec<u32> = bytemuck::pod_collect_to_vec(variant.spirv);
-            let module = rspirv::dr::load_words(&words).expect("build.rs has read this SPIR-V");
+            let module = rspirv::dr::load_words(variant.words()).expect("build.rs has read this SPIR-V");
             for function in &module.functions {
                 let blocks: HashMap<u32, &Block> = function.blocks.iter().map(|block| (label(block), block)).collect();
                 for head in &function.blocks {
