@@ -18,7 +18,8 @@ pub fn project_file(path: &str) -> PathBuf {
 
 /// The program that is tested, for the tests of its package.
 pub fn program() -> PathBuf {
-    let built = || PathBuf::from(option_env!("CARGO_BIN_EXE_raywave").expect("tests of crates/cli have the program"));
+    let built =
+        || option_env!("CARGO_BIN_EXE_raywave").map(PathBuf::from).expect("tests of crates/cli have the program");
     carried().map_or_else(built, |folder| folder.join("raywave"))
 }
 
