@@ -86,9 +86,9 @@ bool lies_behind(Ray ray, RaySpace space, Triangle t) {
 
 // The nearest hits so far.
 struct Nearest {
-    Hit hit;            // that does not touch the origin
-    uint original;      // its triangle's index in the scene's order
-    Primitive touching; // that does, or none
+    Hit hit;             // that does not touch the origin
+    uint original;       // its triangle's index in the scene's order
+    Primitive touching;  // that does, or none
     float touching_distance;
     uint touching_original;
 };

@@ -133,6 +133,24 @@ fn gpu(root: &Path, raywave: &Path, arguments: &[&str]) -> Command {
     command
 }
 
+#[test]
+fn a_study_is_built_once_and_an_unknown_one_is_told() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let build = |study: &str| {
+        let mut command = Command::new(project_file("bench/studies"));
+        command.arg("--raywave").arg(program()).arg("--out").arg(folder.path()).args(["--quick", study]);
+        ended(command)
+    };
+    let (_, said, code) = build("shading-cost");
+    assert_eq!(code, Some(0), "{said}");
+    let page = fs::read_to_string(folder.path().join("shading-cost.html")).expect("the page is written");
+    assert!(page.contains("cornell-phong") && page.ends_with("</html>\n"), "{}", &page[page.len() - 100..]);
+    let (_, said, code) = build("shading-cost");
+    assert_eq!((&*said, code), ("shading-cost: there already\n", Some(0)));
+    let (_, said, code) = build("speed");
+    assert_eq!((&*said, code), ("error: there is no study speed; --list has them\n", Some(2)));
+}
+
 /// What it wrote, what it said, and its exit code.
 fn ended(mut command: Command) -> (String, String, Option<i32>) {
     let Output { status, stdout, stderr } = command.output().expect("bash starts");
