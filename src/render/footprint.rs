@@ -9,7 +9,7 @@ use super::plan::Plan;
 use super::prepare::{Features, Needs, PreparedScene};
 use super::schedule::Schedule;
 use crate::constants::*;
-use crate::settings::{Integrator, RouletteMode, Sampler, Scheduler, Settings};
+use crate::settings::{Integrator, Offsets, RouletteMode, Sampler, Scheduler, Settings};
 use crate::shaders::{Access, Arithmetic, Build, Edition, Promises};
 
 /// Kernels and buffers of a render.
@@ -143,6 +143,14 @@ const FEATURES: &[Feature] = &[
         "Sobol sequences",
         |s| s.settings.sampler == Sampler::Sobol,
         |s, on| s.settings.sampler = if on { Sampler::Sobol } else { Sampler::Independent },
+    ),
+    (
+        "checks of thin triangles",
+        |s| s.settings.offsets == Offsets::Checked && s.needs.features.thin_triangles,
+        |s, on| {
+            s.settings.offsets = if on { Offsets::Checked } else { Offsets::Robust };
+            s.needs.features.thin_triangles |= on;
+        },
     ),
     ("clamp", |s| s.settings.clamp.is_some(), |s, on| s.settings.clamp = on.then_some(1.0)),
     (

@@ -37,7 +37,7 @@ use raywave_studies::studies::{Provenance, Renderer};
 
 /// A Vulkan compute path tracer that is also a measuring instrument
 #[derive(Debug, Parser)]
-#[command(version, arg_required_else_help = true)]
+#[command(name = "raywave", version = raywave::VERSION, arg_required_else_help = true)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,

@@ -14,12 +14,14 @@ macro_rules! features {
         pub struct Features {
             /// One of `ENVIRONMENT_*`.
             pub environment: u32,
+            /// Some triangle is so thin that rounding may move it past a ray's origin: of account where rays check it.
+            pub thin_triangles: bool,
             $($(#[$doc])* pub $name: bool,)*
         }
 
         impl Features {
             /// Every one.
-            pub const ALL: Self = Self { environment: ENVIRONMENT_ANY, $($name: true),* };
+            pub const ALL: Self = Self { environment: ENVIRONMENT_ANY, thin_triangles: true, $($name: true),* };
 
             /// Those that a scene has or not.
             pub const FLAGS: &[FeatureFlag] = &[$(FeatureFlag {
@@ -35,6 +37,7 @@ macro_rules! features {
                         Environment::Constant(_) => ENVIRONMENT_CONSTANT,
                         Environment::LatLong(_) => ENVIRONMENT_LAT_LONG,
                     },
+                    thin_triangles: subject.bvh.has_thin_triangles,
                     $($name: is_in(subject, $is_in)),*
                 }
             }
@@ -59,8 +62,6 @@ features! {
     textures, "textures": |s| s.any_scattering(|m| m.diffuse_map.is_some());
     /// Some triangle has shading normals.
     normals, "shading normals": |s| s.scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE);
-    /// Some triangle is so thin that rounding may move it past a ray's origin.
-    thin_triangles, "thin triangles": |s| s.bvh.has_thin_triangles;
     /// The camera has a lens.
     lens, "lens": |s| s.scene.camera.aperture > 0.0;
     /// The camera is so far away that its rays start nearer to the scene.
