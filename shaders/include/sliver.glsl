@@ -8,15 +8,14 @@
 // src/bvh/sliver.rs.
 const float THIN = 32.0;
 
-float squared_length(vec3 v) { return v.x * v.x + v.y * v.y + v.z * v.z; }
-
 bool is_thin(Triangle t) {
     vec3 a = t.v1 - t.v0;
     vec3 b = t.v2 - t.v0;
-    vec3 normal = vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
-    float longest = max(max(squared_length(a), squared_length(b)), squared_length(t.v2 - t.v1));
+    vec3 c = t.v2 - t.v1;
+    float longest = max(max(dot(a, a), dot(b, b)), dot(c, c));
     // The normal is as long as the longest edge times its height.
-    return THIN * THIN * squared_length(normal) < longest * longest * longest;
+    vec3 normal = cross(a, b);
+    return THIN * THIN * dot(normal, normal) < longest * longest * longest;
 }
 
 // Numbers as unevaluated sums of two floats, the second below half a last place of the first. (Dekker 1971, A

@@ -5,20 +5,12 @@ use glam::Vec3;
 /// Longest edge times aspect, that edge over the height on it, beyond which a triangle is thin. As in `sliver.glsl`.
 const THIN: f32 = 32.0;
 
-fn squared_length(v: Vec3) -> f32 {
-    v.x * v.x + v.y * v.y + v.z * v.z
-}
-
-fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    Vec3::new(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
-}
-
 /// Whether the triangle of these corners, in normalised space, is so thin that rounding may move it past the origin of a
 /// ray that leaves its neighbour.
 pub fn is_thin([a, b, c]: &[Vec3; 3]) -> bool {
-    let longest = squared_length(b - a).max(squared_length(c - a)).max(squared_length(c - b));
+    let longest = (b - a).length_squared().max((c - a).length_squared()).max((c - b).length_squared());
     // The normal is as long as the longest edge times its height.
-    THIN * THIN * squared_length(cross(b - a, c - a)) < longest * longest * longest
+    THIN * THIN * (b - a).cross(c - a).length_squared() < longest * longest * longest
 }
 
 /// A number as an unevaluated sum of two. (Dekker 1971)
@@ -99,7 +91,7 @@ mod tests {
             let volume = signed_volume([a, b, c]);
             assert_eq!(volume.partial_cmp(&0.0), exact.partial_cmp(&0), "{a} {b} {c}: {volume}, not {exact}");
             checked += 1;
-            rounded_wrong += usize::from(a.dot(cross(b, c)).partial_cmp(&0.0) != exact.partial_cmp(&0));
+            rounded_wrong += usize::from(a.dot(b.cross(c)).partial_cmp(&0.0) != exact.partial_cmp(&0));
         }
         assert!(rounded_wrong > checked / 1000, "rounded once they would be wrong: {rounded_wrong} of {checked}");
     }

@@ -23,7 +23,7 @@ struct Record {
 
 /// The file of a device's facts.
 pub fn path(folder: &Path, device: &DeviceDescription) -> PathBuf {
-    folder.join(format!("{}-{}.facts.toml", device.cache_name(), env!("CARGO_PKG_VERSION")))
+    folder.join(format!("{}-{}.facts.toml", device.cache_name(), crate::VERSION))
 }
 
 /// The facts in a file, if it is complete and of this device, driver and version.
@@ -33,8 +33,7 @@ pub fn read(file: &Path, device: &DeviceDescription) -> Option<Facts> {
 
 fn parse(text: &str, device: &str, driver: &str) -> Option<Facts> {
     let record: Record = toml::from_str(text).ok()?;
-    let is_own =
-        [&*record.raywave_version, &record.device, &record.driver] == [env!("CARGO_PKG_VERSION"), device, driver];
+    let is_own = [&*record.raywave_version, &record.device, &record.driver] == [crate::VERSION, device, driver];
     let Facts { texel_ns, storage_ns, launch_seconds, .. } = record.facts;
     let is_time = |time: f64| time > 0.0 && time.is_finite();
     (is_own && [texel_ns, storage_ns, launch_seconds].into_iter().all(is_time)).then_some(record.facts)
@@ -49,7 +48,7 @@ pub fn write(file: &Path, device: &DeviceDescription, facts: &Facts) {
 
 fn text(facts: &Facts, device: &str, driver: &str) -> Option<String> {
     let record = Record {
-        raywave_version: env!("CARGO_PKG_VERSION").to_owned(),
+        raywave_version: crate::VERSION.to_owned(),
         device: device.to_owned(),
         driver: driver.to_owned(),
         facts: facts.clone(),
@@ -95,7 +94,7 @@ mod tests {
         let text = kept(&FACTS);
         assert_eq!(parse(&text, "another", "its driver 1"), None);
         assert_eq!(parse(&text, "a \"card\"", "its driver 2"), None);
-        assert_eq!(read_back(&text.replace(env!("CARGO_PKG_VERSION"), "0.0.0")), None);
+        assert_eq!(read_back(&text.replace(crate::VERSION, "0.0.0")), None);
     }
 
     #[test]
