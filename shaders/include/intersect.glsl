@@ -40,24 +40,39 @@ uint nearness(float distance) { return floatBitsToUint(distance) - 1u; }
 // The highest bit says whether the number is below zero, which -0 is not.
 uint below_zero(uint bits) { return bits & (bits - 1u); }
 
-// Intersects one triangle and yields the nearness of the hit, or a number with its highest bit set.
-// Each edge's sign is that of the exact sheared geometry or zero, and zero counts as inside, so a ray
-// cannot slip between neighbours.
-uint intersect_triangle(vec3 origin, RaySpace space, Triangle t, out float distance, out vec2 barycentrics) {
+// A triangle in the ray's space, and the barycentrics of where they meet, times their sum.
+struct Edges {
+    vec3 a;
+    vec3 b;
+    vec3 c;
+    float u;
+    float v;
+    float w;
+    float determinant;
+};
+
+Edges edges_of(vec3 origin, RaySpace space, Triangle t) {
     vec3 a = to_ray_space(space, origin, t.v0);
     vec3 b = to_ray_space(space, origin, t.v1);
     vec3 c = to_ray_space(space, origin, t.v2);
     float u = c.x * b.y - c.y * b.x;
     float v = a.x * c.y - a.y * c.x;
     float w = b.x * a.y - b.y * a.x;
-    float determinant = u + v + w;
-    float inverse = 1.0 / determinant;
-    distance = (u * a.z + v * b.z + w * c.z) * (inverse * space.shear.z);
-    barycentrics = vec2(v, w) * inverse;
+    return Edges(a, b, c, u, v, w, u + v + w);
+}
+
+// Intersects one triangle and yields the nearness of the hit, or a number with its highest bit set.
+// Each edge's sign is that of the exact sheared geometry or zero, and zero counts as inside, so a ray
+// cannot slip between neighbours.
+uint intersect_triangle(vec3 origin, RaySpace space, Triangle t, out float distance, out vec2 barycentrics) {
+    Edges e = edges_of(origin, space, t);
+    float inverse = 1.0 / e.determinant;
+    distance = (e.u * e.a.z + e.v * e.b.z + e.w * e.c.z) * (inverse * space.shear.z);
+    barycentrics = vec2(e.v, e.w) * inverse;
     // Inside, all three have the sign of their sum. Where the sum is zero the distance is NaN.
-    uint sign = floatBitsToUint(determinant) & 0x80000000u;
-    uint outside = below_zero(floatBitsToUint(u) ^ sign) | below_zero(floatBitsToUint(v) ^ sign)
-        | below_zero(floatBitsToUint(w) ^ sign);
+    uint sign = floatBitsToUint(e.determinant) & 0x80000000u;
+    uint outside = below_zero(floatBitsToUint(e.u) ^ sign) | below_zero(floatBitsToUint(e.v) ^ sign)
+        | below_zero(floatBitsToUint(e.w) ^ sign);
     return nearness(distance) | (outside & 0x80000000u);
 }
 
@@ -74,10 +89,7 @@ bool touches_origin(uint found, RaySpace space) { return CHECKS_SIDES && found <
 
 // Whether a triangle that was found in front of the ray's origin is thin and lies behind it or at it.
 bool lies_behind(Ray ray, RaySpace space, Triangle t) {
-    vec3 a = to_ray_space(space, ray.origin, t.v0);
-    vec3 b = to_ray_space(space, ray.origin, t.v1);
-    vec3 c = to_ray_space(space, ray.origin, t.v2);
-    float determinant = (c.x * b.y - c.y * b.x) + (a.x * c.y - a.y * c.x) + (b.x * a.y - b.y * a.x);
+    float determinant = edges_of(ray.origin, space, t).determinant;
     float volume = signed_volume(t.v0 - ray.origin, t.v1 - ray.origin, t.v2 - ray.origin);
     uint signs = floatBitsToUint(volume) ^ floatBitsToUint(determinant) ^ floatBitsToUint(space.shear.z);
     bool ahead = volume != 0.0 && (signs & 0x80000000u) != 0u;
