@@ -17,7 +17,6 @@ use raywave::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE};
 use raywave::gpu::Device;
 use raywave::layout::Node;
 use raywave::scene::Scene;
-use raywave::settings::Offsets;
 
 /// Input of the probe `traversal`.
 #[repr(C)]
@@ -240,9 +239,7 @@ fn rays_that_leave_a_convex_body_of_slivers_miss_it() {
     for (sides, radius) in [(16, 0.05), (12, 0.01)] {
         let scene = scene_of(&placed(&rod(sides, radius), DMat3::from_rotation_y(0.3), 1.0, DVec3::ZERO));
         for kind in BvhKind::all_of(scene.mesh.triangles.len()) {
-            let mut bench = Bench::with_bvh(&device, &scene, kind);
-            bench.settings.offsets = Offsets::Checked;
-            bench.scene.bvh.checks_sides = true;
+            let bench = Bench::with_bvh(&device, &scene, kind);
             assert!(bench.scene.bvh.has_thin_triangles);
             let queries = rays_off_slivers(&bench, count, &mut Uniform::new(u64::from(sides)));
             for probe in probes(kind) {

@@ -120,9 +120,6 @@ pub struct Bvh {
     pub sah_cost: f64,
     /// Whether some triangle is thin: its longest edge times its aspect, that edge over the height on it, is more than 32.
     pub has_thin_triangles: bool,
-    /// Whether the CPU's traversal checks that a thin triangle at which a ray begins lies in front of it, as kernels for
-    /// `Offsets::Checked` do.
-    pub checks_sides: bool,
     /// Time that it took to build.
     pub build_time: Duration,
 }
@@ -164,7 +161,6 @@ impl Bvh {
             leaf_count: 0,
             sah_cost: 0.0,
             has_thin_triangles: false,
-            checks_sides: false,
             build_time: Duration::ZERO,
         };
         if kind == BvhKind::Bvh2 {
@@ -186,7 +182,6 @@ impl Bvh {
             leaf_count: 1,
             sah_cost: triangles as f64,
             has_thin_triangles: false,
-            checks_sides: false,
             build_time: Duration::ZERO,
         }
     }

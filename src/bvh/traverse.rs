@@ -301,12 +301,11 @@ impl Nearest {
 pub fn count_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> (Option<Hit>, Work) {
     let space = RaySpace::of(ray);
     let (mut nearest, mut touching) = (Nearest::NONE, Nearest::NONE);
-    let checks = bvh.checks_sides && bvh.has_thin_triangles;
     let work = walk(bvh, ray, f32::MAX, CLOSEST_GROUPS, |leaf| {
         for &place in leaf.iter().filter(|place| **place != ray.leaves) {
             let triangle = &triangles[place as usize];
             let Some((distance, barycentrics)) = intersect_triangle(&space, triangle) else { continue };
-            let touches = checks && touches_origin(&space, distance);
+            let touches = bvh.has_thin_triangles && touches_origin(&space, distance);
             let nearest = if touches { &mut touching } else { &mut nearest };
             nearest.take(Hit { triangle: place, barycentrics, distance }, triangle.original);
         }
@@ -328,7 +327,6 @@ pub fn trace_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limi
 pub fn count_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> (bool, Work) {
     let space = RaySpace::of(ray);
     let (mut occluded, mut touching) = (false, None);
-    let checks = bvh.checks_sides && bvh.has_thin_triangles;
     let work = walk(bvh, ray, limit, ANY_GROUPS, |leaf| {
         for &place in leaf {
             let hit = intersect_triangle(&space, &triangles[place as usize]);
@@ -336,7 +334,7 @@ pub fn count_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limi
                 continue;
             };
             // Of two that touch the origin one is believed.
-            if checks && touches_origin(&space, distance) && touching.is_none() {
+            if bvh.has_thin_triangles && touches_origin(&space, distance) && touching.is_none() {
                 touching = Some(place);
             } else {
                 occluded = true;

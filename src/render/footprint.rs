@@ -146,9 +146,9 @@ const FEATURES: &[Feature] = &[
     ),
     (
         "checks of thin triangles",
-        |s| s.settings.offsets == Offsets::Checked && s.needs.features.thin_triangles,
+        |s| s.settings.offsets == Offsets::Robust && s.needs.features.thin_triangles,
         |s, on| {
-            s.settings.offsets = if on { Offsets::Checked } else { Offsets::Robust };
+            s.settings.offsets = if on { Offsets::Robust } else { Offsets::Unchecked };
             s.needs.features.thin_triangles |= on;
         },
     ),

@@ -507,11 +507,15 @@ pub static SETTINGS: &[Setting] = &[
         help: "How rays are kept from hitting the surface that they leave",
         meaning: "how rays leave surfaces",
         role: Role::Estimator,
-        bias: |settings| (settings.offsets == Offsets::Fixed).then(|| {
-            "surfaces closer to each other than 1e-4 of the scene are not told apart".to_owned()
-        }),
-        levels: &["robust", "fixed", "checked"],
-        knob: Some(Knob { exact: Some("checked"), values: |_, _| every::<Offsets>() }),
+        bias: |settings| match settings.offsets {
+            Offsets::Robust => None,
+            Offsets::Unchecked => {
+                Some("rays that leave thin triangles at a convex edge may hit the neighbour behind them".to_owned())
+            }
+            Offsets::Fixed => Some("surfaces closer to each other than 1e-4 of the scene are not told apart".to_owned()),
+        },
+        levels: &["robust", "unchecked", "fixed"],
+        knob: Some(Knob { exact: Some("robust"), values: |_, _| every::<Offsets>() }),
     },
     chosen! {
         numerics: Numerics,

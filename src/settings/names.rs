@@ -92,12 +92,13 @@ named! {
 
     /// How rays are kept from hitting the surface that they leave.
     pub enum Offsets {
-        /// They begin as far off it as rounding can err there, and remember its triangle.
+        /// They begin as far off it as rounding can err there, and remember its triangle; a thin triangle at which one
+        /// begins is checked to lie in front of it.
         Robust,
+        /// As robust, without that check; BIASED where thin triangles meet at convex edges.
+        Unchecked,
         /// They begin 10⁻⁴ of the scene off it; BIASED where surfaces are closer than that.
         Fixed,
-        /// As robust, and a thin triangle at which one begins is checked to lie in front of it.
-        Checked,
     }
 
     /// Who defines what arithmetic gives where Vulkan leaves it to the driver: quotients, roots, dot and cross products, and

@@ -226,7 +226,7 @@ impl Needs {
             clamps: settings.clamp.is_some(),
             half_state: settings.path_state == PathState::F16,
             fixed_offsets: settings.offsets == Offsets::Fixed,
-            checks_sides: settings.offsets == Offsets::Checked && thin_triangles,
+            checks_sides: settings.offsets == Offsets::Robust && thin_triangles,
             shading_cost: settings.shading_cost,
             material_branches: settings.material_branches,
             sorted: settings.sort == Sort::Material,
