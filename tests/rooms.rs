@@ -46,13 +46,14 @@ impl Line {
 
     /// Rooms that the line names by their crate. What is no room begins with a capital.
     fn uses(&self) -> impl Iterator<Item = &str> {
-        let own = if self.room == "cli" { None } else { Some("crate::") };
+        let own = if ["spirv", "cli"].contains(&&*self.room) { None } else { Some("crate::") };
+        let spirv = self.has("raywave_shaders").then_some("spirv");
         let crates = ["raywave::", "raywave_studies::"].into_iter().chain(own);
         let names = crates.flat_map(|name| self.code.split(name).skip(1)).map(|rest| {
             let end = rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len());
             &rest[..end]
         });
-        names.filter(|name| name.starts_with(|c: char| c.is_ascii_lowercase()))
+        names.filter(|name| name.starts_with(|c: char| c.is_ascii_lowercase())).chain(spirv)
     }
 }
 
@@ -63,9 +64,13 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
     paths.flat_map(files).filter(|path| path.extension().is_some_and(|extension| extension == "rs")).collect()
 }
 
-/// Where the sources of each crate are. That of the command line is one room.
-const SOURCES: [(&str, Option<&str>); 3] =
-    [("src", None), ("crates/studies/src", None), ("crates/cli/src", Some("cli"))];
+/// Where the sources of each crate are. The first and the last are one room each.
+const SOURCES: [(&str, Option<&str>); 4] = [
+    ("crates/shaders/src", Some("spirv")),
+    ("src", None),
+    ("crates/studies/src", None),
+    ("crates/cli/src", Some("cli")),
+];
 
 fn sources() -> Vec<Line> {
     let mut lines = Vec::new();

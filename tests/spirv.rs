@@ -3,13 +3,16 @@
 #[path = "common/not_tested.rs"]
 mod not_tested;
 
+use std::collections::HashMap;
 use std::io::Write;
 use std::process::{Command, Stdio};
 
 use not_tested::not_tested;
 use rayon::prelude::*;
 use raywave::constants::Specialization;
-use raywave::shaders::{Arithmetic, Build, Edition, Form, Forms, KERNELS, Promises};
+use raywave::shaders::{Arithmetic, Build, Edition, Form, Forms, KERNELS, Promises, portable_library};
+use rspirv::dr::Block;
+use rspirv::spirv::Op;
 
 /// Whether there is a validator; where changes are gated there must be.
 fn has_validator() -> bool {
@@ -62,7 +65,8 @@ fn every_kernel_is_valid() {
     let refused: Vec<String> = cases
         .into_par_iter()
         .filter_map(|(name, variant, constants, arithmetic)| {
-            let built = variant.specialize(&Build { constants, arithmetic, driver: None, promises });
+            let built =
+                variant.specialize(&Build { constants, arithmetic, driver: None, promises }, portable_library());
             refusal(&built.words).map(|said| format!("{name} with {arithmetic:?}: {said}"))
         })
         .collect();
@@ -81,4 +85,33 @@ fn the_validator_refuses_what_is_broken() {
     // Without its last instruction the function has no end.
     words.pop();
     assert!(refusal(&words).is_some());
+}
+
+fn label(block: &Block) -> u32 {
+    block.label.as_ref().and_then(|label| label.result_id).expect("a block has a label")
+}
+
+#[test]
+fn loops_begin_without_phis_and_continue_blocks_without_stores() {
+    let mut loops = 0;
+    for variant in KERNELS.iter().flat_map(|kernel| kernel.variants) {
+        let module = rspirv::dr::load_words(variant.words()).expect("build.rs has read this SPIR-V");
+        for function in &module.functions {
+            let blocks: HashMap<u32, &Block> = function.blocks.iter().map(|block| (label(block), block)).collect();
+            for head in &function.blocks {
+                let Some(merge) = head.instructions.iter().find(|i| i.class.opcode == Op::LoopMerge) else {
+                    continue;
+                };
+                loops += 1;
+                assert!(head.instructions.iter().all(|i| i.class.opcode != Op::Phi));
+                let code = &blocks[&merge.operands[1].id_ref_any().expect("a loop has a continue block")].instructions;
+                let does = |op| code.iter().any(|i| i.class.opcode == op);
+                // What else is in a continue block, as a step to the next number, may be stored there.
+                let only_stores =
+                    code.iter().all(|i| matches!(i.class.opcode, Op::Store | Op::Line | Op::NoLine | Op::Branch));
+                assert!(!(does(Op::Store) && only_stores));
+            }
+        }
+    }
+    assert!(loops > 100, "kernels have loops");
 }

@@ -2,7 +2,7 @@
 // not: sums, differences and products in floats, and integers. docs/numerics.md says what each rounds to.
 //
 // No kernel includes this file. The host links a function from here in place of each such operation of a kernel
-// (src/shaders/link.rs): a function `portable_NAME` stands for the operation NAME of its operands' types, and one
+// (crates/shaders/src/link.rs): a function `portable_NAME` stands for the operation NAME of its operands' types, and one
 // whose name goes on with `_by_fma` or `_by_integers` is the form for devices that can, or cannot, fuse.
 //
 // Parameters are `const`, so that they are passed by value. Selections stand for branches: functions that are called a

@@ -20,7 +20,7 @@ use super::steps::{Room, Step, submissions};
 use super::submit::{MAX_STEPS, SLOTS, Show, Slot};
 use super::times::{Idle, KernelTime, Times, TracedSubmission, Tracing};
 use crate::recording::{Command, Recording};
-use crate::shaders::{Access, Arithmetic, Build, Edition, Kernel, Library, Specialized};
+use crate::shaders::{Access, Arithmetic, Build, Edition, Kernel, Library, Specialized, portable_library};
 use crate::trace::Stages;
 
 /// What an executor is made from.
@@ -79,7 +79,7 @@ impl Executor {
         let specialized = |access| -> Vec<_> {
             let variants =
                 description.kernels.iter().map(|kernel| (kernel.name, kernel.variant(description.edition, access)));
-            variants.map(|(name, variant)| (name, variant.specialize(&build))).collect()
+            variants.map(|(name, variant)| (name, variant.specialize(&build, portable_library()))).collect()
         };
         let specializing = shared.stages().begin("specialize kernels");
         // What kernels bind does not depend on how they reach it, and what none binds takes no memory.

@@ -16,9 +16,12 @@ use crate::trace::Stages;
 /// Layer that checks every call.
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// The first version of Vulkan's headers with VK_KHR_shader_maximal_reconvergence. A validation layer that is older takes
-/// it for an error.
-const KNOWS_MAXIMAL_RECONVERGENCE: u32 = vk::make_api_version(0, 1, 3, 276);
+/// Extensions of devices that are younger than validation layers which are still about, with the first version of
+/// Vulkan's headers that has them. A layer that is older objects to them, so they are left alone under it.
+const YOUNG_EXTENSIONS: [(&CStr, u32); 2] = [
+    (khr::calibrated_timestamps::NAME, vk::make_api_version(0, 1, 3, 273)),
+    (khr::shader_maximal_reconvergence::NAME, vk::make_api_version(0, 1, 3, 276)),
+];
 
 /// What shall be seen of the work from outside.
 #[derive(Debug, Clone, Default)]
@@ -307,8 +310,7 @@ impl Instance {
         let mut maximal = vk::PhysicalDeviceShaderMaximalReconvergenceFeaturesKHR::default();
         let mut uniform = vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default();
         let mut features = vk::PhysicalDeviceFeatures2::default();
-        let is_known = self.validated_version.is_none_or(|version| version >= KNOWS_MAXIMAL_RECONVERGENCE);
-        if has(khr::shader_maximal_reconvergence::NAME) && is_known {
+        if has(khr::shader_maximal_reconvergence::NAME) {
             features = features.push_next(&mut maximal);
         }
         if has(khr::shader_subgroup_uniform_control_flow::NAME) {
@@ -410,7 +412,13 @@ impl Instance {
             local.map(|(index, heap)| (index, heap.size)).max_by_key(|(_, size)| *size).unwrap_or((0, 0));
         // SAFETY: `raw` comes from this instance.
         let extensions = unsafe { self.raw.enumerate_device_extension_properties(raw) }.unwrap_or_default();
-        let has = |name: &CStr| extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name));
+        let is_known = |name: &CStr| {
+            let since = YOUNG_EXTENSIONS.iter().find(|(young, _)| *young == name).map_or(0, |(_, since)| *since);
+            self.validated_version.is_none_or(|version| version >= since)
+        };
+        let has = |name: &CStr| {
+            is_known(name) && extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
+        };
         let reconvergence = self.reconvergence(raw, has);
         let is_software = core.device_type == vk::PhysicalDeviceType::CPU;
         let unusable = if version < vk::API_VERSION_1_2 {

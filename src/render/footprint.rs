@@ -10,7 +10,7 @@ use super::prepare::{Features, Needs, PreparedScene};
 use super::schedule::Schedule;
 use crate::constants::*;
 use crate::settings::{Integrator, Offsets, RouletteMode, Sampler, Scheduler, Settings};
-use crate::shaders::{Access, Arithmetic, Build, Edition, Promises};
+use crate::shaders::{Access, Arithmetic, Build, Edition, Promises, portable_library};
 
 /// Kernels and buffers of a render.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -64,7 +64,7 @@ impl Footprint {
         let mut instructions = Vec::new();
         let scheduler = defaults.scheduler(settings, scene.levels());
         for kernel in Schedule::new(scheduler, settings, needs, &plan).kernels() {
-            let specialized = kernel.variant(Edition::Plain, access).specialize(&build);
+            let specialized = kernel.variant(Edition::Plain, access).specialize(&build, portable_library());
             bound.extend(specialized.bindings.iter().map(|binding| binding.name));
             instructions.push((kernel.name, specialized.instructions));
         }

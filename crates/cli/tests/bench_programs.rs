@@ -189,13 +189,18 @@ fn a_gpu_is_measured_once() {
 /// A project of `bench/gpu` and a program that answers at once: with the digest that `digest` names, but in scenes that
 /// have "odd" in their name, and with no image in those that have "bad". A file `slow` in the project has it sleep.
 fn fake_project() -> TempDir {
-    use std::os::unix::fs::PermissionsExt;
     let folder = tempfile::tempdir().expect("a temporary folder");
     let place = |name: &str| folder.path().join(name);
     for name in ["bench", "tests", "scenes"] {
         fs::create_dir(place(name)).expect("a temporary folder");
     }
-    fs::copy(project_file("bench/gpu"), place("bench/gpu")).expect("the bench is there");
+    // By a process of its own: what this one writes, a child that another test starts just then holds open for writing,
+    // and so long it cannot be run.
+    let install = |from: &Path, to: &Path| {
+        let status = Command::new("install").arg(from).arg(to).status().expect("coreutils are there");
+        assert!(status.success(), "{} is not there", from.display());
+    };
+    install(&project_file("bench/gpu"), &place("bench/gpu"));
     fs::write(place("scenes/plain.toml"), "").expect("a temporary file");
     let script = r#"#!/bin/bash
 case "$*" in
@@ -212,8 +217,8 @@ case "$*" in
     *) exit 2 ;;
 esac
 "#;
-    fs::write(place("raywave"), script).expect("a temporary file");
-    fs::set_permissions(place("raywave"), fs::Permissions::from_mode(0o755)).expect("it is ours");
+    fs::write(place("script"), script).expect("a temporary file");
+    install(&place("script"), &place("raywave"));
     folder
 }
 

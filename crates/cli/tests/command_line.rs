@@ -138,7 +138,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("tradeoff --reference missing.exr", "missing.exr"),
     ("tradeoff --reference folder.png", "folder.png"),
     ("render -o a.png --path-state f8", "possible values: f32, f16"),
-    ("render -o a.png --offsets magic", "possible values: robust, fixed"),
+    ("render -o a.png --offsets magic", "possible values: robust, unchecked, fixed"),
     ("start-up --rounds 0", "--rounds <N>"),
     ("start-up missing.toml", "missing.toml: cannot read"),
     ("start-up --device abacus", "no device is called or numbered 'abacus'"),

@@ -137,7 +137,7 @@ impl<'a> Bench<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use raywave::shaders::{Build, Form, Forms, Promises};
+    use raywave::shaders::{Build, Form, Forms, Promises, portable_library};
 
     #[test]
     fn own_functions_have_every_portable_form() {
@@ -146,7 +146,7 @@ mod tests {
                 let arithmetic = Arithmetic::Portable(Forms { division: form, reciprocal: form, root: form });
                 let build = Build { constants: &[64], arithmetic, driver: None, promises: Promises::default() };
                 for variant in kernel.variants {
-                    assert!(!variant.specialize(&build).words.is_empty());
+                    assert!(!variant.specialize(&build, portable_library()).words.is_empty());
                 }
             }
         }

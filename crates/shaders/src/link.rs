@@ -6,6 +6,8 @@ use std::fmt::Write as _;
 use rspirv::dr::{Function, Instruction, Module, Operand};
 use rspirv::spirv::Op;
 
+use crate::ids::{function_id, is_line, names};
+
 /// A module of functions, each found by its name and the types of its parameters.
 #[derive(Debug)]
 pub struct Library {
@@ -20,18 +22,18 @@ impl Library {
     /// Of SPIR-V words in native byte order.
     ///
     /// # Panics
-    /// When they are not what `build.rs` made.
+    /// When they are no SPIR-V.
     pub fn of_words(spirv: &[u8]) -> Self {
         let words: Vec<u32> =
             spirv.chunks_exact(4).map(|word| u32::from_ne_bytes(word.try_into().expect("four"))).collect();
-        Self::new(rspirv::dr::load_words(&words).expect("build.rs made this SPIR-V"))
+        Self::new(rspirv::dr::load_words(&words).expect("a library is SPIR-V"))
     }
 
     /// Of a module that has the names of its functions.
     pub fn new(module: Module) -> Self {
         let names = names(&module);
         let functions = module.functions.iter().enumerate();
-        let functions = functions.filter_map(|(place, f)| Some((names.get(&id_of(f))?.clone(), place))).collect();
+        let functions = functions.filter_map(|(place, f)| Some((names.get(&function_id(f))?.clone(), place))).collect();
         let globals = module.types_global_values.iter().enumerate();
         let globals = globals.filter_map(|(place, instruction)| Some((instruction.result_id?, place))).collect();
         Self { module, functions, globals }
@@ -51,7 +53,7 @@ pub fn link(
     is_final: impl Fn(&str) -> bool,
 ) -> Result<(), String> {
     let names = names(target);
-    let finals = target.functions.iter().map(id_of).filter(|id| names.get(id).is_some_and(|name| is_final(name)));
+    let finals = target.functions.iter().map(function_id).filter(|id| names.get(id).is_some_and(|name| is_final(name)));
     let mut linker = Linker {
         library,
         finals: finals.collect(),
@@ -64,7 +66,7 @@ pub fn link(
     // The functions that come in are added to the end, and have their turn.
     let mut place = 0;
     while place < linker.target.functions.len() {
-        if !linker.finals.contains(&id_of(&linker.target.functions[place])) {
+        if !linker.finals.contains(&function_id(&linker.target.functions[place])) {
             linker.replace_in(place, &chosen, &is_final)?;
         }
         place += 1;
@@ -185,19 +187,19 @@ impl Linker<'_> {
         for id in function.all_inst_iter().filter_map(|instruction| instruction.result_id) {
             ids.insert(id, self.new_id());
         }
-        let id = ids[&id_of(&function)];
+        let id = ids[&function_id(&function)];
         self.imported.insert(place, id);
         if stays {
             self.finals.insert(id);
         }
         for block in &mut function.blocks {
-            block.instructions.retain(|i| !matches!(i.class.opcode, Op::Line | Op::NoLine));
+            block.instructions.retain(|i| !is_line(i));
         }
         for instruction in function.all_inst_iter_mut() {
             let mut renamed = |id: u32| match (ids.get(&id), library.globals.contains_key(&id)) {
                 (Some(own), _) => *own,
                 (None, true) => self.global(id),
-                (None, false) => match library.module.functions.iter().position(|f| id_of(f) == id) {
+                (None, false) => match library.module.functions.iter().position(|f| function_id(f) == id) {
                     Some(called) => self.function(called, stays, is_final),
                     None => self.instruction_set(),
                 },
@@ -262,15 +264,84 @@ fn rename(instruction: &mut Instruction, new: &mut impl FnMut(u32) -> u32) {
     }
 }
 
-/// Names of ids.
-pub fn names(module: &Module) -> HashMap<u32, String> {
-    let name = |i: &Instruction| match (&i.operands[..], i.class.opcode) {
-        ([Operand::IdRef(id), Operand::LiteralString(name)], Op::Name) => Some((*id, name.clone())),
-        _ => None,
-    };
-    module.debug_names.iter().filter_map(name).collect()
-}
+#[cfg(test)]
+mod tests {
+    use rspirv::dr::Builder;
 
-fn id_of(function: &Function) -> u32 {
-    function.def.as_ref().and_then(|def| def.result_id).expect("a function has an id")
+    use super::*;
+    use crate::small;
+
+    /// `half(x)` = `twice(x) * x`, which is no half.
+    fn library() -> Library {
+        let mut b = small::builder();
+        let twice = small::float_function(&mut b, "twice(f1;", 1, |b, float, x| {
+            b.f_add(float, None, x[0], x[0]).expect("a block is open")
+        });
+        small::float_function(&mut b, "half(f1;", 1, |b, float, x| {
+            let doubled = b.function_call(float, None, twice, [x[0]]).expect("a block is open");
+            b.f_mul(float, None, doubled, x[0]).expect("a block is open")
+        });
+        Library::new(b.module())
+    }
+
+    /// A function that negates twice.
+    fn target() -> Module {
+        let mut b = small::builder();
+        small::float_function(&mut b, "f(f1;", 1, |b: &mut Builder, float, x| {
+            let once = b.f_negate(float, None, x[0]).expect("a block is open");
+            b.f_negate(float, None, once).expect("a block is open")
+        });
+        b.module()
+    }
+
+    fn halves(instruction: &Instruction, _: &Values) -> Option<&'static str> {
+        (instruction.class.opcode == Op::FNegate).then_some("half")
+    }
+
+    fn count(module: &Module, op: Op) -> usize {
+        module.all_inst_iter().filter(|i| i.class.opcode == op).count()
+    }
+
+    #[test]
+    fn functions_come_in_once_with_what_they_call_and_types_are_shared() {
+        let mut module = target();
+        link(&mut module, &library(), halves, |_| false).expect("the library has them");
+        assert_eq!(count(&module, Op::FNegate), 0);
+        assert_eq!(module.functions.len(), 3, "f, half and twice");
+        assert_eq!(count(&module, Op::FunctionCall), 3, "two halves, and one of twice");
+        assert_eq!(count(&module, Op::TypeFloat), 1);
+        let ids: Vec<u32> = module.all_inst_iter().filter_map(|i| i.result_id).collect();
+        let bound = module.header.as_ref().expect("a module has a header").bound;
+        assert!(ids.iter().all(|id| *id < bound));
+        assert_eq!(ids.iter().collect::<HashSet<_>>().len(), ids.len(), "no id is given twice");
+        let named: HashSet<String> = names(&module).into_values().collect();
+        assert!(named.contains("half(f1;") && named.contains("twice(f1;"));
+    }
+
+    #[test]
+    fn what_comes_in_is_replaced_too_unless_it_is_final() {
+        let sums = |instruction: &Instruction, _: &Values| match instruction.class.opcode {
+            Op::FNegate => Some("half"),
+            Op::FMul => Some("product"),
+            _ => None,
+        };
+        // There is no product.
+        let error = link(&mut target(), &library(), sums, |_| false).expect_err("half multiplies");
+        assert!(error.contains("no function product(f1;f1; stands for FMul"), "{error}");
+        link(&mut target(), &library(), sums, |name| name.starts_with("half")).expect("half is final");
+    }
+
+    #[test]
+    fn constants_are_known_by_their_bits_and_types() {
+        let mut b = small::builder();
+        let float = b.type_float(32, None);
+        let vector = b.type_vector(float, 2);
+        let [one, two] = [1.0_f32, 2.0].map(|value| b.constant_bit32(float, value.to_bits()));
+        let [ones, mixed] = [[one, one], [one, two]].map(|parts| b.constant_composite(vector, parts));
+        let values = Values::of(&b.module());
+        let is_one = |id| values.is_constant(&Operand::IdRef(id), 1.0_f32.to_bits());
+        assert!(is_one(one) && is_one(ones));
+        assert!(!is_one(two) && !is_one(mixed));
+        assert_eq!([one, ones].map(|id| values.type_name(id)), ["f1;", "vf2;"].map(|name| Some(name.to_owned())));
+    }
 }

@@ -1,4 +1,4 @@
-//! The variants that a kernel is built in. `build.rs` compiles them in the order of this file, by which they are found.
+//! The variants that a kernel is built in. The build compiles them in the order of this file, by which they are found.
 
 /// What a build of a kernel is for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

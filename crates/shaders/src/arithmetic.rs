@@ -9,7 +9,8 @@ use std::collections::HashSet;
 use rspirv::dr::{Instruction, Module, Operand};
 use rspirv::spirv::{Decoration, GlslStd450Op, Op};
 
-use super::link::{Library, Values, link, names};
+use crate::ids::{function_id, names};
+use crate::link::{Library, Values, link};
 
 /// How kernels compute with floats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -160,8 +161,7 @@ fn left_to_the_driver(module: &Module, forms: Forms) -> Vec<String> {
     let names = names(module);
     let mut left = Vec::new();
     for function in &module.functions {
-        let id = function.def.as_ref().and_then(|def| def.result_id).unwrap_or_default();
-        if names.get(&id).is_some_and(|name| makes_guesses(name)) {
+        if names.get(&function_id(function)).is_some_and(|name| makes_guesses(name)) {
             continue;
         }
         for instruction in function.all_inst_iter() {
@@ -248,4 +248,107 @@ fn forbid_contraction(module: &mut Module) {
         let operands = vec![Operand::IdRef(id), Operand::Decoration(Decoration::NoContraction)];
         Instruction::new(Op::Decorate, None, None, operands)
     }));
+}
+
+#[cfg(test)]
+mod tests {
+    use rspirv::dr::Builder;
+
+    use super::*;
+    use crate::small;
+
+    const BY_INTEGERS: Arithmetic = Arithmetic::Portable(Forms::CAREFUL);
+    const NATIVE: Arithmetic = Arithmetic::Portable(Forms::NATIVE);
+
+    /// Quotients by a guess of the driver's, and reciprocals that know none.
+    fn library() -> Library {
+        let mut b = small::builder();
+        small::float_function(&mut b, "portable_divide_by_integers(f1;f1;", 2, |b, float, x| {
+            b.f_div(float, None, x[0], x[1]).expect("a block is open")
+        });
+        small::float_function(&mut b, "portable_reciprocal_by_integers(f1;f1;", 2, |_, _, x| x[1]);
+        Library::new(b.module())
+    }
+
+    fn function(code: impl FnOnce(&mut Builder, u32, &[u32]) -> u32) -> Module {
+        let mut b = small::builder();
+        small::float_function(&mut b, "f(f1;f1;", 2, code);
+        b.module()
+    }
+
+    fn quotient() -> Module {
+        function(|b, float, x| b.f_div(float, None, x[0], x[1]).expect("a block is open"))
+    }
+
+    fn count(function: &rspirv::dr::Function, op: Op) -> usize {
+        function.all_inst_iter().filter(|i| i.class.opcode == op).count()
+    }
+
+    fn uncontracted(module: &Module) -> usize {
+        let decorates = |i: &&Instruction| i.operands.contains(&Operand::Decoration(Decoration::NoContraction));
+        module.annotations.iter().filter(decorates).count()
+    }
+
+    #[test]
+    fn a_device_that_rounds_right_divides_itself() {
+        let mut module = quotient();
+        lower(&mut module, NATIVE, &library(), None).expect("it may");
+        assert_eq!(module.functions.len(), 1);
+        assert_eq!(count(&module.functions[0], Op::FDiv), 1);
+    }
+
+    #[test]
+    fn another_gives_a_guess_to_a_function_of_the_library() {
+        let mut module = quotient();
+        lower(&mut module, BY_INTEGERS, &library(), None).expect("the library has the form");
+        assert_eq!(count(&module.functions[0], Op::FDiv), 0);
+        assert_eq!(count(&module.functions[0], Op::FunctionCall), 1);
+        assert_eq!(count(&module.functions[1], Op::FDiv), 1, "the guess");
+    }
+
+    #[test]
+    fn reciprocals_have_a_form_of_their_own() {
+        let mut b = small::builder();
+        let float = b.type_float(32, None);
+        let one = b.constant_bit32(float, ONE);
+        small::float_function(&mut b, "f(f1;", 1, |b, float, x| {
+            b.f_div(float, None, one, x[0]).expect("a block is open")
+        });
+        let mut module = b.module();
+        lower(&mut module, BY_INTEGERS, &library(), None).expect("the library has the form");
+        let names: Vec<String> = names(&module).into_values().filter(|name| name.starts_with("portable")).collect();
+        assert_eq!(names, ["portable_reciprocal_by_integers(f1;f1;"]);
+    }
+
+    #[test]
+    fn what_no_form_stands_for_is_an_error() {
+        let mut b = small::builder();
+        let set = b.ext_inst_import("GLSL.std.450");
+        small::float_function(&mut b, "f(f1;", 1, |b, float, x| {
+            let operands = [Operand::IdRef(x[0])];
+            b.ext_inst(float, None, set, GlslStd450Op::Sin as u32, operands).expect("a block is open")
+        });
+        let mut module = b.module();
+        lower(&mut module, Arithmetic::Native, &library(), None).expect("it may be the driver's");
+        let error = lower(&mut module, NATIVE, &library(), None).expect_err("each driver has a sine of its own");
+        assert!(error.contains("Sin"), "{error}");
+    }
+
+    #[test]
+    fn products_and_sums_are_not_fused_unless_they_may_be() {
+        let product = || {
+            function(|b, float, x| {
+                let product = b.f_mul(float, None, x[0], x[1]).expect("a block is open");
+                b.f_add(float, None, product, x[0]).expect("a block is open")
+            })
+        };
+        for (arithmetic, expected) in [(NATIVE, 2), (Arithmetic::Native, 2), (Arithmetic::Contracted, 0)] {
+            let mut module = product();
+            lower(&mut module, arithmetic, &library(), None).expect("they are exact");
+            assert_eq!(uncontracted(&module), expected, "{arithmetic:?}");
+            // Once is enough.
+            lower(&mut module, arithmetic, &library(), None).expect("they are exact");
+            assert_eq!(uncontracted(&module), expected, "{arithmetic:?}, again");
+        }
+    }
 }

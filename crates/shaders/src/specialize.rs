@@ -10,9 +10,33 @@ use rspirv::binary::Assemble;
 use rspirv::dr::{Block, Instruction, Module, Operand};
 use rspirv::spirv::{Capability, Decoration, ExecutionMode, Op};
 
-use super::arithmetic::{self, Arithmetic};
-use super::link::Library;
-use super::{Binding, PORTABLE_LIBRARY, Promises, Reconvergence, Variant};
+use crate::arithmetic::{self, Arithmetic};
+use crate::ids::{decorations, is_line, label};
+use crate::kernel::{Binding, Variant};
+use crate::link::Library;
+
+/// When lanes of a subgroup that took different branches reconverge. Without a promise a driver may keep them
+/// apart for as long as it likes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reconvergence {
+    /// As soon as the source says (VK_KHR_shader_maximal_reconvergence).
+    Maximal,
+    /// Where a branch ends that the whole subgroup came to together (VK_KHR_shader_subgroup_uniform_control_flow).
+    UniformControlFlow,
+}
+
+/// What a driver promises a kernel that asks for it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Promises {
+    /// Of lanes that diverged.
+    pub reconvergence: Option<Reconvergence>,
+    /// Infinities, NaN and the signs of zeros are preserved: the driver does not assume that there are none.
+    pub special_values: bool,
+    /// Floats are rounded to nearest, ties to even.
+    pub nearest_rounding: bool,
+    /// Subnormal floats are zeros.
+    pub flushes_subnormals: bool,
+}
 
 /// What a kernel is built for.
 #[derive(Debug, Clone, Copy)]
@@ -41,20 +65,21 @@ pub struct Specialized {
 }
 
 impl Variant {
-    /// Takes out what the constants keep from running, and puts the operations of the arithmetic in their places.
+    /// Takes out what the constants keep from running, and puts the operations of the arithmetic in their places:
+    /// functions of `portable`, if it is portable.
     ///
     /// # Panics
-    /// When the SPIR-V is not what `build.rs` made.
-    pub fn specialize(&self, build: &Build<'_>) -> Specialized {
+    /// When the kernel has an operation of which the library has no form; the build tries every one.
+    pub fn specialize(&self, build: &Build<'_>, portable: &Library) -> Specialized {
         let constants = build.constants;
-        let mut module = rspirv::dr::load_words(self.words()).expect("build.rs has read this SPIR-V");
+        let mut module = rspirv::dr::load_words(self.words()).expect("the build has read this SPIR-V");
         let live = live_blocks(&module, constants);
         let is_live = |block: &Block| live.contains(&label(block));
 
         let mut used = HashSet::new();
         let mut instructions = 0;
         for block in module.functions.iter().flat_map(|function| &function.blocks).filter(|block| is_live(block)) {
-            let code = block.instructions.iter().filter(|i| !matches!(i.class.opcode, Op::Line | Op::NoLine));
+            let code = block.instructions.iter().filter(|i| !is_line(i));
             instructions += code.clone().count();
             used.extend(code.flat_map(|instruction| instruction.operands.iter().filter_map(Operand::id_ref_any)));
         }
@@ -65,8 +90,8 @@ impl Variant {
                 remove(&mut module, variable);
             }
         }
-        arithmetic::lower(&mut module, build.arithmetic, &PORTABLE_LIBRARY, build.driver)
-            .expect("build.rs has tried every form");
+        arithmetic::lower(&mut module, build.arithmetic, portable, build.driver)
+            .expect("the build has tried every form");
         ask_for(&mut module, build);
         Specialized { words: module.assemble(), bindings, push_constant_size: self.push_constant_size, instructions }
     }
@@ -119,27 +144,10 @@ fn ask_for(module: &mut Module, build: &Build<'_>) {
     module.extensions.extend(extension.map(name));
 }
 
-fn label(block: &Block) -> u32 {
-    block.label.as_ref().and_then(|label| label.result_id).expect("a block has a label")
-}
-
 /// Variables that are bound, with set and binding.
 fn variables(module: &Module) -> Vec<(u32, (u32, u32))> {
     let [sets, places] = [Decoration::DescriptorSet, Decoration::Binding].map(|which| decorations(module, which));
     sets.into_iter().filter_map(|(id, set)| Some((id, (set, *places.get(&id)?)))).collect()
-}
-
-/// The number that a decoration gives each id that has it.
-fn decorations(module: &Module, wanted: Decoration) -> HashMap<u32, u32> {
-    let value = |i: &Instruction| match (&i.operands[..], i.class.opcode) {
-        ([Operand::IdRef(id), Operand::Decoration(which), Operand::LiteralBit32(value)], Op::Decorate)
-            if *which == wanted =>
-        {
-            Some((*id, *value))
-        }
-        _ => None,
-    };
-    module.annotations.iter().filter_map(value).collect()
 }
 
 /// Labels of the blocks that can run.
@@ -293,32 +301,108 @@ fn remove(module: &mut Module, variable: u32) {
 
 #[cfg(test)]
 mod tests {
+    use rspirv::dr::Builder;
+
     use super::*;
-    use crate::shaders::KERNELS;
+    use crate::reflection::Reflection;
+    use crate::small;
+    use crate::table::deflate;
+
+    /// A kernel that reads `textures` if `condition`, of two specialization constants, holds, and `hits` in any case.
+    fn kernel(condition: impl FnOnce(&mut Builder, [u32; 2], u32) -> u32) -> Variant {
+        let mut b = small::builder();
+        let [hits, textures] = [("hits", 0), ("textures", 1)].map(|(name, at)| small::buffer(&mut b, name, 0, at));
+        let truth = b.type_bool();
+        let constants = [0, 1].map(|id| {
+            let constant = b.spec_constant_false(truth);
+            b.decorate(constant, Decoration::SpecId, [Operand::LiteralBit32(id)]);
+            constant
+        });
+        let uint = b.type_int(32, 0);
+        let read = |b: &mut Builder, buffer| {
+            let first = small::first_of(b, buffer);
+            b.load(uint, None, first, None, []).expect("a block is open");
+        };
+        small::main(&mut b, |b| {
+            read(b, hits);
+            let condition = condition(b, constants, truth);
+            small::under(b, condition, |b| read(b, textures));
+        });
+        let module = b.module();
+        let reflection = Reflection::of(&module).expect("the host knows all of it");
+        let bindings = reflection.bindings.into_iter().map(|binding| {
+            let Binding { name, set, binding, kind, reads, writes } = binding;
+            Binding { name: &*name.leak(), set, binding, kind, reads, writes }
+        });
+        let bindings: Vec<Binding> = bindings.collect();
+        Variant { deflated: deflate(&module.assemble()).leak(), bindings: bindings.leak(), push_constant_size: 0 }
+    }
+
+    fn specialized(kernel: &Variant, constants: &[u32]) -> Specialized {
+        let library = Library::new(small::builder().module());
+        let build =
+            Build { constants, arithmetic: Arithmetic::Contracted, driver: None, promises: Promises::default() };
+        kernel.specialize(&build, &library)
+    }
+
+    fn bound(kernel: &Variant, constants: &[u32]) -> Vec<&'static str> {
+        specialized(kernel, constants).bindings.iter().map(|binding| binding.name).collect()
+    }
 
     #[test]
-    fn loops_begin_without_phis_and_continue_blocks_without_stores() {
-        let mut loops = 0;
-        for variant in KERNELS.iter().flat_map(|kernel| kernel.variants) {
-            let module = rspirv::dr::load_words(variant.words()).expect("build.rs has read this SPIR-V");
-            for function in &module.functions {
-                let blocks: HashMap<u32, &Block> = function.blocks.iter().map(|block| (label(block), block)).collect();
-                for head in &function.blocks {
-                    let Some(merge) = head.instructions.iter().find(|i| i.class.opcode == Op::LoopMerge) else {
-                        continue;
-                    };
-                    loops += 1;
-                    assert!(head.instructions.iter().all(|i| i.class.opcode != Op::Phi));
-                    let code =
-                        &blocks[&merge.operands[1].id_ref_any().expect("a loop has a continue block")].instructions;
-                    let does = |op| code.iter().any(|i| i.class.opcode == op);
-                    // What else is in a continue block, as a step to the next number, may be stored there.
-                    let only_stores =
-                        code.iter().all(|i| matches!(i.class.opcode, Op::Store | Op::Line | Op::NoLine | Op::Branch));
-                    assert!(!(does(Op::Store) && only_stores));
-                }
-            }
+    fn what_only_dead_code_uses_is_not_bound() {
+        let kernel = kernel(|_, [first, _], _| first);
+        assert_eq!(bound(&kernel, &[1, 0]), ["hits", "textures"]);
+        assert_eq!(bound(&kernel, &[0, 0]), ["hits"]);
+        assert_eq!(bound(&kernel, &[]), ["hits"], "a constant that is not set keeps its own value");
+        let [with, without] = [[1, 0], [0, 0]].map(|constants| specialized(&kernel, &constants));
+        assert_eq!(with.instructions - without.instructions, 3, "an access, a load and a branch");
+        let module = rspirv::dr::load_words(&without.words).expect("it is SPIR-V");
+        assert_eq!(variables(&module).len(), 1);
+    }
+
+    #[test]
+    fn conditions_are_followed_through_logic() {
+        let both = kernel(|b, [first, second], truth| {
+            let not = b.logical_not(truth, None, first).expect("a block is open");
+            b.logical_and(truth, None, not, second).expect("a block is open")
+        });
+        for (constants, expected) in [([0, 0], 1), ([0, 1], 2), ([1, 0], 1), ([1, 1], 1)] {
+            assert_eq!(bound(&both, &constants).len(), expected, "{constants:?}");
         }
-        assert!(loops > 100, "kernels have loops");
+    }
+
+    #[test]
+    fn what_is_not_known_may_run() {
+        let unknown = kernel(|b, _, truth| {
+            let uint = b.type_int(32, 0);
+            let [zero, one] = [0, 1].map(|value| b.constant_bit32(uint, value));
+            // No operation that conditions on constants are made of.
+            let sum = b.i_add(uint, None, zero, one).expect("a block is open");
+            b.i_equal(truth, None, sum, zero).expect("a block is open")
+        });
+        assert_eq!(bound(&unknown, &[0, 0]).len(), 2);
+    }
+
+    #[test]
+    fn promises_are_asked_for_by_kernels_that_need_them() {
+        let kernel = kernel(|_, [first, _], _| first);
+        let library = Library::new(small::builder().module());
+        let promises = Promises {
+            reconvergence: Some(Reconvergence::Maximal),
+            special_values: true,
+            nearest_rounding: true,
+            flushes_subnormals: false,
+        };
+        let modes = |arithmetic| {
+            let build = Build { constants: &[], arithmetic, driver: None, promises };
+            let words = kernel.specialize(&build, &library).words;
+            let module = rspirv::dr::load_words(&words).expect("it is SPIR-V");
+            module.execution_modes.iter().map(|mode| mode.operands[1].clone()).collect::<Vec<_>>()
+        };
+        let asked = [ExecutionMode::SignedZeroInfNanPreserve, ExecutionMode::RoundingModeRTE];
+        // Without subgroup operations lanes need not reconverge.
+        assert_eq!(modes(Arithmetic::Native), asked.map(Operand::ExecutionMode));
+        assert_eq!(modes(Arithmetic::Contracted), []);
     }
 }
