@@ -93,11 +93,11 @@ fn rays_through(bench: &Bench, count: usize, random: &mut Uniform) -> Vec<Query>
         .collect()
 }
 
-/// The probes that walk a tree of that kind: by single rays and, if it is wide, by packets.
-fn probes(kind: BvhKind) -> &'static [&'static str] {
+/// The probes that walk a tree of that kind: by single rays and, if it is wide and the device can have them, by packets.
+fn probes(device: &Device, kind: BvhKind) -> &'static [&'static str] {
     match kind {
-        BvhKind::List | BvhKind::Bvh2 => &["traversal"],
-        BvhKind::Bvh4 | BvhKind::Cwbvh => &["traversal", "traversal_packets"],
+        BvhKind::Bvh4 | BvhKind::Cwbvh if device.description().packets() => &["traversal", "traversal_packets"],
+        _ => &["traversal"],
     }
 }
 
@@ -177,7 +177,7 @@ fn check_kind(device: &Device, scene: &Scene, count: usize, kind: BvhKind) {
     let count = samples_on(device, count as u32) as usize;
     let bench = Bench::with_bvh(device, scene, kind);
     let queries = rays_through(&bench, count, &mut Uniform::new(count as u64));
-    for probe in probes(kind) {
+    for probe in probes(device, kind) {
         let answers: Vec<Answer> = bench.run(probe, &queries);
         agrees_with_the_cpu(&bench, &queries, &answers);
         let few = (4_000_000 / bench.scene.triangles.len()).min(queries.len());
@@ -242,7 +242,7 @@ fn rays_that_leave_a_convex_body_of_slivers_miss_it() {
             let bench = Bench::with_bvh(&device, &scene, kind);
             assert!(bench.scene.bvh.has_thin_triangles);
             let queries = rays_off_slivers(&bench, count, &mut Uniform::new(u64::from(sides)));
-            for probe in probes(kind) {
+            for probe in probes(&device, kind) {
                 let answers: Vec<Answer> = bench.run(probe, &queries);
                 agrees_with_the_cpu(&bench, &queries, &answers);
                 let wrong = answers.iter().filter(|a| a.triangle != NO_TRIANGLE || a.blocked != 0).count();
@@ -279,11 +279,12 @@ fn soups_and_degenerate_triangles_are_traced_as_on_the_cpu_and_as_in_f64() {
 
 #[test]
 fn of_equally_near_triangles_the_first_of_the_scene_is_hit() {
+    let device = device();
     for count in [60, 300] {
         let scene = scene_of(&vec![[DVec3::ZERO, DVec3::X, DVec3::Y]; count]);
         for kind in BvhKind::all_of(count) {
-            for probe in probes(kind) {
-                the_first_is_hit(&Bench::with_bvh(&device(), &scene, kind), probe);
+            for probe in probes(&device, kind) {
+                the_first_is_hit(&Bench::with_bvh(&device, &scene, kind), probe);
             }
         }
     }
@@ -339,7 +340,7 @@ fn no_ray_leaks_out_of_a_closed_body() {
                 Query::new(origin, if i % 8 < 4 { direction } else { direction.normalize() })
             })
             .collect();
-        for probe in probes(kind) {
+        for probe in probes(&device, kind) {
             let answers: Vec<Answer> = bench.run(probe, &queries);
             let leaks = answers.iter().filter(|answer| answer.triangle == NO_TRIANGLE || answer.blocked == 0).count();
             assert_eq!(leaks, 0, "leaks out of a body of {} triangles, {kind:?}, {probe}", body.len());
