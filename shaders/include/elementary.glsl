@@ -1,6 +1,6 @@
 // Sines, cosines, arc tangents, exponentials and logarithms from sums, differences, products and quotients alone.
 // Drivers' own may be off by 2^-11, each in its way; these are the same numbers everywhere. Errors are in units in the
-// last place of the result (ulp), measured by tests/elementary.rs.
+// last place of the result (ulp), measured by tests/gpu/numerics.rs.
 #ifndef ELEMENTARY_GLSL
 #define ELEMENTARY_GLSL
 

@@ -1,6 +1,7 @@
 //! What GPU tests share: a device under validation, scenes from text, renders.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+pub mod install;
 pub mod not_tested;
 pub mod project;
 
