@@ -1,6 +1,6 @@
 //! Compiles every kernel of `shaders/` to SPIR-V and writes the kernel table; and the probes of
-//! `tests/shaders/`, kernels that let the tests call single functions, what `shaders/facts/` measures a device by, and
-//! the kernels of the self-test, each into a table of its own.
+//! `tests/shaders/`, kernels that let the tests call single functions, what `shaders/facts/` measures a device by, the
+//! kernels of the self-test and those of the examples, each into a table of its own.
 //!
 //! Each `NAME.comp` is compiled once for every [`Edition`] and every `Access`. From the SPIR-V itself
 //! come the bindings, their access, the push-constant size and the block layouts that the tests
@@ -48,13 +48,15 @@ const SELFTEST: &str = "shaders/selftest";
 const PROBES: &str = "tests/shaders";
 /// Kernels that measure what a device is like.
 const FACTS: &str = "shaders/facts";
+/// Kernels of the examples.
+const EXAMPLES: &str = "examples/shaders";
 
 fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     let version = process::Command::new(env::var_os("RUSTC").expect("cargo sets RUSTC")).arg("--version").output();
     let version = version.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned());
     println!("cargo::rustc-env=RAYWAVE_RUSTC_VERSION={}", version.unwrap_or_default());
-    for source in ["shaders", PROBES, "src/constants.rs"] {
+    for source in ["shaders", PROBES, EXAMPLES, "src/constants.rs"] {
         println!("cargo::rerun-if-changed={source}");
     }
     let [(portable, portable_entry), (_, hostile_entry)] =
@@ -62,21 +64,22 @@ fn main() {
     forget_others(&out);
     let kernels = table("shaders", &Edition::ALL, Some(&portable), &out);
     let probes = table(PROBES, &[Edition::Plain], Some(&portable), &out);
-    // They ask what the device itself does.
-    let [facts, selftest] = [FACTS, SELFTEST].map(|folder| table(folder, &[Edition::Plain], None, &out));
+    // These ask what the device itself does, or are not part of a render.
+    let [facts, selftest, examples] =
+        [FACTS, SELFTEST, EXAMPLES].map(|folder| table(folder, &[Edition::Plain], None, &out));
 
-    let errors: Vec<String> = [&kernels, &probes, &facts, &selftest]
-        .into_iter()
-        .flat_map(|table| table.as_ref().err())
-        .flatten()
-        .cloned()
-        .collect();
-    let (Ok(kernels), Ok(probes), Ok(facts), Ok(selftest)) = (kernels, probes, facts, selftest) else { fail(&errors) };
+    let tables = [&kernels, &probes, &facts, &selftest, &examples];
+    let errors: Vec<String> = tables.into_iter().flat_map(|table| table.as_ref().err()).flatten().cloned().collect();
+    let (Ok(kernels), Ok(probes), Ok(facts), Ok(selftest), Ok(examples)) = (kernels, probes, facts, selftest, examples)
+    else {
+        fail(&errors)
+    };
     let write = |file: &str, text: String| fs::write(out.join(file), text).expect("OUT_DIR can be written");
     write("kernels.rs", kernels.kernels("KERNELS") + &kernels.structs("STRUCTS") + &portable_entry);
     write("probes.rs", probes.kernels("PROBES") + &hostile_entry);
     write("facts.rs", facts.kernels("FACTS"));
     write("selftest.rs", selftest.kernels("SELFTEST"));
+    write("examples.rs", examples.kernels("EXAMPLES"));
 }
 
 fn fail(errors: &[String]) -> ! {

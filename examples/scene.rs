@@ -23,7 +23,7 @@ fn main() -> anyhow::Result<()> {
         .material(Material::emitter(Vec3::splat(12.0)))
         .square(dvec3(0.0, 3.0, 0.0), DVec3::NEG_Y, 0.6)
         .build();
-    let settings = Settings { samples: 64, integrator: Integrator::Mis, ..Settings::of(&scene) };
+    let settings = Settings { samples: 64, integrator: Integrator::Mis, ..scene.settings };
 
     let renderer = Renderer::new(&Device::find(None)?)?;
     let render = |scheduler| renderer.render(&scene, &Settings { scheduler: Some(scheduler), ..settings });

@@ -7,7 +7,7 @@
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = Scene::load("scenes/cornell-box.toml".as_ref())?;
-//! let settings = Settings { samples: 64, ..Settings::of(&scene) };
+//! let settings = Settings { samples: 64, ..scene.settings };
 //! let outcome = Renderer::new(&Device::find(None)?)?.render(&scene, &settings)?;
 //!
 //! let (image, statistics) = (outcome.image(), outcome.statistics);

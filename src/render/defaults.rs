@@ -310,7 +310,7 @@ mod tests {
     const LIST: SceneLevels = SceneLevels { bvh: 0, bvh_tests: 0, sky: 0 };
 
     fn few() -> Settings {
-        Settings { width: 64, height: 64, samples: 4, ..Settings::of(&Scene::cornell_box()) }
+        Settings { width: 64, height: 64, samples: 4, ..Scene::cornell_box().settings }
     }
 
     fn many() -> Settings {

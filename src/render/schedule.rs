@@ -246,7 +246,7 @@ mod tests {
     }
 
     fn settings(max_bounces: u32) -> Settings {
-        Settings { max_bounces: Some(max_bounces), ..Settings::of(&Scene::cornell_box()) }
+        Settings { max_bounces: Some(max_bounces), ..Scene::cornell_box().settings }
     }
 
     /// Kernels of the passes with the bounces in their push constants, and where indirect ones find their counts.

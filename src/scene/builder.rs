@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{Camera, Environment, Material, Mesh, NONE, RenderDefaults, Scene, Surface, Triangle};
+use super::{Camera, Environment, Material, Mesh, NONE, Scene, Surface, Triangle};
 use crate::settings::Settings;
 
 /// A scene in the making. Fronts are where corners run counter-clockwise.
@@ -25,8 +25,7 @@ use crate::settings::Settings;
 #[derive(Debug, Clone)]
 pub struct SceneBuilder {
     camera: Camera,
-    width: u32,
-    height: u32,
+    settings: Settings,
     environment: Environment,
     materials: Vec<Material>,
     mesh: Mesh,
@@ -36,13 +35,12 @@ impl SceneBuilder {
     /// Nothing yet, seen by a camera in an image of the default size.
     pub fn new(camera: Camera) -> Self {
         let (materials, mesh) = Default::default();
-        let Settings { width, height, .. } = Settings::default();
-        Self { camera, width, height, environment: Environment::Black, materials, mesh }
+        Self { camera, settings: Settings::default(), environment: Environment::Black, materials, mesh }
     }
 
     /// The size of the image in pixels.
     pub fn resolution(mut self, width: u32, height: u32) -> Self {
-        (self.width, self.height) = (width, height);
+        (self.settings.width, self.settings.height) = (width, height);
         self
     }
 
@@ -94,9 +92,7 @@ impl SceneBuilder {
             name: "in memory".to_owned(),
             hash: self.hash(),
             camera: self.camera,
-            width: self.width,
-            height: self.height,
-            defaults: RenderDefaults::default(),
+            settings: self.settings,
             mesh: self.mesh,
             materials: self.materials,
             textures: Vec::new(),

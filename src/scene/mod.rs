@@ -28,7 +28,7 @@ mod transform;
 
 use std::path::{Path, PathBuf};
 
-use crate::settings::{Integrator, Sampler, Settings};
+use crate::settings::Settings;
 use glam::{DVec3, Vec2, Vec3};
 
 pub use builder::SceneBuilder;
@@ -52,12 +52,8 @@ pub struct Scene {
     pub name: String,
     /// Where the image is taken from.
     pub camera: Camera,
-    /// Image width in pixels, at least 1.
-    pub width: u32,
-    /// Image height in pixels, at least 1.
-    pub height: u32,
-    /// What the scene asks of the renderer where the command line is silent.
-    pub defaults: RenderDefaults,
+    /// What the scene asks of a render: what a scene file may say, and defaults.
+    pub settings: Settings,
     /// All meshes, transformed to world space and merged. Holds at least one triangle.
     pub mesh: Mesh,
     /// Materials that `Triangle::material` indexes.
@@ -125,37 +121,6 @@ pub struct Camera {
     pub aperture: f64,
     /// Distance from the eye to the plane in focus, world units, > 0; means nothing for a pinhole.
     pub focus: f64,
-}
-
-/// The `[render]` table of a scene file.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RenderDefaults {
-    /// How light is gathered.
-    pub integrator: Integrator,
-    /// Samples per pixel, at least 1.
-    pub samples: u32,
-    /// Scattering events between camera and light; `None` is unbounded (then `roulette` > 0).
-    pub max_bounces: Option<u32>,
-    /// Probability q of stopping at each vertex, in [0, 1).
-    pub roulette: f64,
-    /// Where random numbers come from.
-    pub sampler: Sampler,
-}
-
-impl Settings {
-    /// What the scene asks for.
-    pub fn of(scene: &Scene) -> Self {
-        let RenderDefaults { integrator, samples, max_bounces, roulette, sampler } = scene.defaults;
-        let (width, height) = (scene.width, scene.height);
-        Self { width, height, samples, integrator, max_bounces, roulette, sampler, ..Self::default() }
-    }
-}
-
-impl Default for RenderDefaults {
-    fn default() -> Self {
-        let Settings { integrator, samples, max_bounces, roulette, sampler, .. } = Settings::default();
-        Self { integrator, samples, max_bounces, roulette, sampler }
-    }
 }
 
 /// Triangles of the whole scene, in world space, indexed per corner.

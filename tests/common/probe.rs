@@ -50,7 +50,7 @@ impl Bench {
         Self {
             device: device.clone(),
             scene: PreparedScene::with_bvh(scene, kind).expect("the scene fits"),
-            settings: Settings::of(scene),
+            settings: scene.settings,
             access: None,
             forms: None,
             driver: None,

@@ -21,7 +21,7 @@ const STUDENT: f64 = 2.365;
 fn order(device: &Device, scene: &Scene, integrator: Integrator, sampler: Sampler) -> (f64, f64) {
     let variances = SAMPLES.map(|samples| {
         let [a, b]: [Image; 2] = [1, 2].map(|seed| {
-            let own = Settings { width: 32, height: 32, samples, seed, ..Settings::of(scene) };
+            let own = Settings { width: 32, height: 32, samples, seed, ..scene.settings };
             render_on(device, scene, &Settings { integrator, sampler, ..own }).film.mean()
         });
         let mut parts = [0.0; PARTS];

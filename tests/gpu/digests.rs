@@ -79,7 +79,7 @@ fn each(mut visit: impl FnMut(&str, &Scene, Settings, Entry)) {
                     max_bounces: Some(MAX_BOUNCES),
                     integrator,
                     sampler,
-                    ..Settings::of(&scene)
+                    ..scene.settings
                 };
                 let entry = Entry {
                     scene: name.to_owned(),

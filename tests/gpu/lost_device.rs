@@ -46,7 +46,7 @@ fn a_render_goes_on_where_its_device_was_lost() {
             samples: 16,
             scheduler: Some(scheduler),
             in_flight: Some(4 * 3 * WIDTH),
-            ..Settings::of(&scene)
+            ..scene.settings
         };
         let prepared = prepare(&other, &scene, &settings);
         let mut undisturbed = Vec::new();
@@ -85,7 +85,7 @@ fn what_was_kept_is_an_image() {
         samples: 16,
         scheduler: Some(Scheduler::Bounce),
         in_flight: Some(4 * 3 * WIDTH),
-        ..Settings::of(&scene)
+        ..scene.settings
     };
     let prepared = prepare(&other, &scene, &settings);
     let mut undisturbed = Session::new(&other, &prepared, &settings).expect("the session starts");

@@ -40,7 +40,7 @@ fn schedulers_agree_to_the_last_bit() {
         .collect();
     cases.into_par_iter().enumerate().filter(|(case, _)| tries(&device, *case, 7)).for_each(|(_, case)| {
         let (scene, integrator, way) = case;
-        let settings = Settings { width: 20, height: 20, samples: 3, integrator, ..Settings::of(scene) };
+        let settings = Settings { width: 20, height: 20, samples: 3, integrator, ..scene.settings };
         let settings = inexact(settings, way);
         let render = |(scheduler, shadow_rays, paths): (Scheduler, ShadowRays, u32)| {
             let settings = Settings {
@@ -104,7 +104,7 @@ fn halves_lose_no_light() {
         max_bounces: Some(16),
         // Densities are rounded too.
         integrator: Integrator::Mis,
-        ..Settings::of(&scene)
+        ..scene.settings
     };
     let halves = inexact(exact, (PathState::F16, Offsets::Robust));
     // Rounding down would lose 2.4e-4 at each vertex.
@@ -117,7 +117,7 @@ fn halves_take_less_memory() {
     let prepared = PreparedScene::new(&scene).expect("the scene fits");
     let path_bytes = |path_state| {
         let scheduler = Some(Scheduler::Bounce);
-        let settings = Settings { path_state, scheduler, ..Settings::of(&scene) };
+        let settings = Settings { path_state, scheduler, ..scene.settings };
         Footprint::of(&prepared, &settings, &Defaults::GPU).path_bytes
     };
     let (floats, halves) = (path_bytes(PathState::F32), path_bytes(PathState::F16));
@@ -153,7 +153,7 @@ fn fixed_offsets_see_through_what_is_thinner_than_they_are() {
             max_bounces: Some(4),
             integrator: Integrator::Implicit,
             offsets,
-            ..Settings::of(&scene)
+            ..scene.settings
         };
         for sum in render_on(&device, &scene, &settings).film.sum {
             let off = (sum - DVec3::splat(seen)).abs().max_element();
@@ -167,7 +167,7 @@ fn fixed_offsets_hardly_change_scenes_without_small_gaps() {
     let device = device();
     let scene = own_scene("cornell-box");
     let samples = samples_on(&device, SHIFT_SAMPLES);
-    let exact = Settings { width: 64, height: 64, samples, ..Settings::of(&scene) };
+    let exact = Settings { width: 64, height: 64, samples, ..scene.settings };
     let fixed = inexact(exact, (PathState::F32, Offsets::Fixed));
     assert_shift_below(shift(&device, &scene, exact, fixed, 6), 1e-3, samples, "cornell-box");
 }

@@ -54,7 +54,7 @@ impl Estimate {
 
     fn rendered(device: &Device, scene: &str, settings: impl Fn(Settings) -> Settings) -> Self {
         let scene = own_scene(scene);
-        let own = Settings { width: 64, height: 64, seed: 1, sampler: Independent, ..Settings::of(&scene) };
+        let own = Settings { width: 64, height: 64, seed: 1, sampler: Independent, ..scene.settings };
         let settings = settings(own);
         let survival = (1.0 - settings.roulette).powi(settings.max_bounces.unwrap_or(0) as i32);
         let brightest_path = f64::from(brightest_light(&scene)) / survival / f64::from(settings.samples);

@@ -13,7 +13,7 @@ use raywave::settings::Settings;
 fn sums(folder: Option<&Path>) -> Vec<DVec3> {
     let device = device_with_cache(folder);
     let scene = own_scene("cornell-box");
-    let settings = Settings { width: 8, height: 8, samples: 1, ..Settings::of(&scene) };
+    let settings = Settings { width: 8, height: 8, samples: 1, ..scene.settings };
     let prepared = PreparedScene::new(&scene).expect("the scene fits");
     let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
     let film = session.render(|_| ControlFlow::Continue(())).expect("the render ends").film;

@@ -93,7 +93,7 @@ fn check(scene: &Scene, width: u32, height: u32) {
         roulette: 0.0,
         sampler: Sampler::Independent,
         roulette_from: 1,
-        ..Settings::of(scene)
+        ..scene.settings
     };
     let bounded = |bounces| Settings { max_bounces: Some(bounces), ..own };
     let constant = |settings| Settings { roulette: 0.3, ..settings };

@@ -18,7 +18,7 @@ const SAMPLES: u32 = 3;
 const PATHS: u32 = SIZE * SIZE * SAMPLES;
 
 fn settings(scene: &Scene) -> Settings {
-    Settings { width: SIZE, height: SIZE, samples: SAMPLES, ..Settings::of(scene) }
+    Settings { width: SIZE, height: SIZE, samples: SAMPLES, ..scene.settings }
 }
 
 fn class(bounce: u32) -> RayClass {

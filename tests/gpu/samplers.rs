@@ -357,7 +357,7 @@ fn camera_rays_fill_their_pixels_and_the_lens() {
         let mut scene = any_scene();
         let eye = DVec3::new(1.0, 2.0, 3.0);
         scene.camera = Camera { eye, target: DVec3::ZERO, up: DVec3::Y, vfov: 50.0, aperture, focus: 2.5 };
-        (scene.width, scene.height) = (4, 3);
+        (scene.settings.width, scene.settings.height) = (4, 3);
         let bench = Bench::new(&device, &scene);
         let frame = bench.scene.frame(&bench.settings, 1);
         let [eye, right, up, forward] = [frame.camera_eye, frame.camera_right, frame.camera_up, frame.camera_forward]

@@ -88,7 +88,7 @@ fn schedulers_batches_and_workgroups_leave_no_trace() {
     let ways: Vec<_> = SCHEDULERS.iter().flat_map(|scheduler| CUTS.map(|cut| (*scheduler, cut))).collect();
     let cases = cases.into_par_iter().enumerate().filter(|(case, _)| tries(&device, *case, 8));
     cases.for_each(|(case, ((name, scene), (integrator, sampler, roulette_mode, clamp)))| {
-        let settings = Settings { integrator, sampler, roulette_mode, roulette_from: 1, clamp, ..Settings::of(scene) };
+        let settings = Settings { integrator, sampler, roulette_mode, roulette_from: 1, clamp, ..scene.settings };
         let reference = Render::new(&device, scene, settings);
         assert!(reference.sums.iter().any(|sum| *sum != DVec3::ZERO), "{name} {integrator:?} is black");
         // One of seven: seven scenes have among them each estimator by each scheduler by each cut.
@@ -127,14 +127,8 @@ fn loops_that_the_driver_cuts_are_told() {
         (Scheduler::Bounce, turns + turns / 16, true),
     ] {
         let cuts = limit.is_some() && is_over;
-        let settings = Settings {
-            width: 16,
-            height: 16,
-            samples: 1,
-            scheduler: Some(scheduler),
-            shading_cost,
-            ..Settings::of(&scene)
-        };
+        let settings =
+            Settings { width: 16, height: 16, samples: 1, scheduler: Some(scheduler), shading_cost, ..scene.settings };
         let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
         let result = session.render(|_| ControlFlow::Continue(()));
         assert_eq!(matches!(result, Err(RenderError::CutLoops)), cuts, "{scheduler:?}, {shading_cost} steps");
@@ -148,7 +142,7 @@ fn kernels_add_up_to_the_time_of_their_command_buffers() {
     for (scheduler, shadow_rays) in SCHEDULERS {
         // A card takes as long for many samples as software for few.
         let samples = if device.description().is_software() { 8 } else { 1024 };
-        let size = Settings { width: 128, height: 128, samples, ..Settings::of(&scene) };
+        let size = Settings { width: 128, height: 128, samples, ..scene.settings };
         let settings = Settings { scheduler: Some(scheduler), shadow_rays, ..size };
         // Below 1: the barriers at both ends take time too. Where another program gets the processor there it may be
         // any time, so one of some renders is to tell.

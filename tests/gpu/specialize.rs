@@ -19,7 +19,7 @@ fn all_scenes() -> Vec<Scene> {
 }
 
 fn small(scene: &Scene) -> Settings {
-    Settings { width: 20, height: 20, samples: 3, in_flight: Some(500), ..Settings::of(scene) }
+    Settings { width: 20, height: 20, samples: 3, in_flight: Some(500), ..scene.settings }
 }
 
 #[test]

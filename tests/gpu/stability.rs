@@ -58,7 +58,7 @@ fn faults_are_told_by_pixel_sample_and_bounce() {
             scheduler: Some(scheduler),
             shadow_rays,
             bvh,
-            ..Settings::of(&scene)
+            ..scene.settings
         };
         let prepared = prepare(&device, &scene, &settings);
         let outcome =

@@ -42,7 +42,7 @@ fn tiles_leave_no_trace() {
     for name in ["cornell-glass", "textured-sky"] {
         let scene = own_scene(name);
         for scheduler in [Scheduler::Wavefront, Scheduler::Bounce, Scheduler::Megakernel] {
-            let settings = Settings { scheduler: Some(scheduler), samples: SAMPLES, ..Settings::of(&scene) };
+            let settings = Settings { scheduler: Some(scheduler), samples: SAMPLES, ..scene.settings };
             let whole = render(&device, &scene, settings, HEIGHT, |_| ControlFlow::Continue(()));
             assert!(whole.film.sum[0] != whole.film.sum[(WIDTH * HEIGHT / 2) as usize], "{name} is of one colour");
             // Paths in flight: a part of a tile's pixels, or all samples of one and a part of another's.
@@ -91,7 +91,7 @@ impl Whole<'_> {
 fn an_image_alone_and_a_time_alone_are_of_the_same_render() {
     let device = device();
     let scene = own_scene("cornell-box");
-    let settings = Settings { width: WIDTH, height: HEIGHT, samples: SAMPLES, ..Settings::of(&scene) };
+    let settings = Settings { width: WIDTH, height: HEIGHT, samples: SAMPLES, ..scene.settings };
     for film_rows in [HEIGHT, 5] {
         let options =
             SessionOptions { film_bytes: Some(u64::from(64 * WIDTH * film_rows)), ..SessionOptions::default() };
@@ -123,7 +123,7 @@ fn a_render_that_is_broken_off_keeps_what_it_has() {
             samples,
             in_flight: Some(4 * 2 * WIDTH),
             scheduler: Some(scheduler),
-            ..Settings::of(&scene)
+            ..scene.settings
         };
         let prepared = prepare(&device, &scene, &settings);
         let session = Session::new(&device, &prepared, &settings).expect("the session starts");
@@ -176,7 +176,7 @@ fn a_render_can_be_broken_off_before_its_first_batch() {
     let device = device();
     let scene = floor("newmtl floor\nKd 1 1 1\n");
     // So many paths that their cost is sampled beforehand, by more than one batch.
-    let settings = Settings { width: 512, height: 512, samples: 1 << 20, shading_cost: 1000, ..Settings::of(&scene) };
+    let settings = Settings { width: 512, height: 512, samples: 1 << 20, shading_cost: 1000, ..scene.settings };
     let prepared = prepare(&device, &scene, &settings);
     let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
     let mut calls = Vec::new();

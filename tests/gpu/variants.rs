@@ -20,7 +20,7 @@ fn render(device: &Device, scene: &Scene, access: Access) -> (Vec<DVec3>, Vec<DV
         max_bounces: Some(6),
         roulette: 0.1,
         in_flight: Some(6000),
-        ..Settings::of(scene)
+        ..scene.settings
     };
     let prepared = PreparedScene::new(scene).expect("the scene fits");
     let mut session = Session::with_options(

@@ -23,7 +23,7 @@ const SCHEDULERS: [(Scheduler, ShadowRays); 4] = [
 ];
 
 fn small(scene: &Scene) -> Settings {
-    Settings { width: 24, height: 20, samples: 3, ..Settings::of(scene) }
+    Settings { width: 24, height: 20, samples: 3, ..scene.settings }
 }
 
 fn sums(outcome: Outcome) -> Vec<DVec3> {
@@ -131,7 +131,7 @@ fn rays_that_are_alike_do_what_the_cpu_does_and_leave_no_lane_idle() {
     let mut scene = own_scene("cornell-glass");
     // It sees one direction.
     scene.camera.vfov = 1e-6;
-    let settings = Settings { width: 16, height: 16, samples: 2, max_bounces: Some(0), ..Settings::of(&scene) };
+    let settings = Settings { width: 16, height: 16, samples: 2, max_bounces: Some(0), ..scene.settings };
     let counted = count(&device, &scene, &settings);
     let prepared = prepare(&device, &scene, &settings);
     let frame = prepared.frame(&settings, 1);

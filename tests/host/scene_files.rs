@@ -110,11 +110,11 @@ fn exr<T: exr::prelude::IntoSample>(size: (usize, usize), pixel: impl Sync + Fn(
 fn defaults_are_those_of_the_format() {
     let scene = scene_of(TRIANGLE, "");
     assert_eq!(scene.name, "s");
-    assert_eq!((scene.width, scene.height), (512, 512));
-    assert_eq!(scene.defaults.integrator, Integrator::Explicit);
-    assert_eq!(scene.defaults.samples, 64);
-    assert_eq!(scene.defaults.max_bounces, Some(8));
-    assert_eq!(scene.defaults.roulette, 0.0);
+    assert_eq!((scene.settings.width, scene.settings.height), (512, 512));
+    assert_eq!(scene.settings.integrator, Integrator::Explicit);
+    assert_eq!(scene.settings.samples, 64);
+    assert_eq!(scene.settings.max_bounces, Some(8));
+    assert_eq!(scene.settings.roulette, 0.0);
     assert_eq!(scene.camera.up, DVec3::Y);
     assert_eq!(scene.camera.aperture, 0.0);
     assert_eq!(scene.camera.focus, 5.0);
@@ -155,11 +155,11 @@ fn every_key_is_read() {
     assert_eq!((camera.eye, camera.target), (dvec3(1., 2., 3.), dvec3(0., 0.5, 0.)));
     assert_eq!((camera.up, camera.vfov), (DVec3::Z, 33.5));
     assert_eq!((camera.aperture, camera.focus), (0.1, 2.5));
-    assert_eq!((scene.width, scene.height), (640, 360));
-    assert_eq!(scene.defaults.integrator, Integrator::Implicit);
-    assert_eq!(scene.defaults.samples, 7);
-    assert_eq!(scene.defaults.max_bounces, None);
-    assert_eq!(scene.defaults.roulette, 0.25);
+    assert_eq!((scene.settings.width, scene.settings.height), (640, 360));
+    assert_eq!(scene.settings.integrator, Integrator::Implicit);
+    assert_eq!(scene.settings.samples, 7);
+    assert_eq!(scene.settings.max_bounces, None);
+    assert_eq!(scene.settings.roulette, 0.25);
     assert!(matches!(scene.environment, Environment::Constant(rgb) if rgb == vec3(1., 2., 3.)));
     assert!(scene.warnings.is_empty());
 }
@@ -655,7 +655,7 @@ fn the_gallery_is_rich_and_the_same_each_time() {
     let scene = load(&first);
     assert_eq!(scene.hash, load(&second).hash);
     assert_eq!(scene.warnings, [""; 0]);
-    assert_eq!((scene.width, scene.height), (960, 540));
+    assert_eq!((scene.settings.width, scene.settings.height), (960, 540));
     assert!(scene.mesh.triangles.len().abs_diff(60_000) < 600);
     let emitters = scene.materials.iter().filter(|material| material.is_emitter());
     assert!(emitters.count() >= 5);

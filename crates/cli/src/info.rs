@@ -14,7 +14,7 @@ use raywave::facts::{self, Facts};
 use raywave::gpu::Device;
 use raywave::render::{Defaults, FeatureCost, Footprint, PreparedScene, Session, feature_costs};
 use raywave::scene::Scene;
-use raywave::settings::{Named, Settings};
+use raywave::settings::{self, Named, SETTINGS, Setting, Settings};
 use raywave_studies::lab;
 
 /// Tell what a scene holds, what a render of it needs, and what it leaves out
@@ -130,6 +130,30 @@ impl Report<'_> {
             .map(|specialize| Footprint::of(self.prepared, &Settings { specialize, ..self.settings }, &self.defaults))
     }
 
+    /// The settings of a render, with all choices made that they leave open.
+    fn settled(&self) -> Settings {
+        let Self { prepared, settings, defaults, .. } = self;
+        defaults.choose(settings, prepared.bvh.kind, prepared.levels()).settle(settings)
+    }
+
+    /// Each setting, its value, and who gave it that.
+    fn settings(&self) -> Vec<[String; 3]> {
+        let [otherwise, of_scene, asked, settled] =
+            [Settings::default(), self.scene.settings, self.settings, self.settled()];
+        let row = |setting: &Setting| {
+            let [otherwise, of_scene, asked, settled] =
+                [otherwise, of_scene, asked, settled].map(|settings| (setting.get)(&settings));
+            let by = match () {
+                () if settled != asked => "device",
+                () if asked != of_scene => "flag",
+                () if of_scene != otherwise => "scene",
+                () => "default",
+            };
+            [format!("  {}", setting.flag), settled.to_string(), by.to_owned()]
+        };
+        SETTINGS.iter().map(row).collect()
+    }
+
     fn lines(&self) -> anyhow::Result<String> {
         let Self { scene, prepared, settings, device, defaults } = self;
         let (low, high) = scene.bounds();
@@ -156,9 +180,13 @@ impl Report<'_> {
         let speed = triangles as f64 / build_time.as_secs_f64() / 1e6;
         writeln!(text, "BVH build        {:.1} ms, {speed:.2} M triangles/s", build_time.as_secs_f64() * 1e3)?;
 
+        let heads = ["setting", "value", "by"].map(str::to_owned);
+        text += "\n";
+        text += &aligned(&std::iter::once(heads).chain(self.settings()).collect::<Vec<_>>());
+
         let costs = feature_costs(prepared, settings, defaults);
         let found: Vec<_> = costs.iter().filter(|cost| cost.found).map(|cost| cost.feature).collect();
-        writeln!(text, "needs            {}", found.join(", "))?;
+        writeln!(text, "\nneeds            {}", found.join(", "))?;
         for (found, head) in [(true, "needed"), (false, "left out")] {
             let row = |cost: &FeatureCost| {
                 let state = list(&cost.path_bytes, |n| n.to_string());
@@ -247,6 +275,7 @@ impl Report<'_> {
             "bvh_sah_cost": sah_cost,
             "bvh_build_seconds": build_time.as_secs_f64(),
             "scheduler": own.scheduler.name(),
+            "settings": settings::record(&self.settled()),
             "features": features,
             "specialized": footprint(&own),
             "unspecialized": footprint(&any),

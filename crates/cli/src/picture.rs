@@ -100,7 +100,7 @@ impl PictureArguments {
     /// # Errors
     /// Settings that make no sense together.
     pub fn settings(&self, scene: &Scene) -> anyhow::Result<Settings> {
-        let mut settings = Settings::of(scene);
+        let mut settings = scene.settings;
         if let Some(quality) = self.quality {
             settings = quality.of(settings);
         }

@@ -67,7 +67,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         workgroup_size: arguments.workgroup,
         in_flight: arguments.in_flight,
         bvh: arguments.bvh,
-        ..Settings::of(&scene)
+        ..scene.settings
     };
     let device = open_device(arguments.device.as_deref())?;
     let prepared = PreparedScene::for_device(&scene, &settings, &Defaults::of(&device)?)?;

@@ -17,11 +17,10 @@ use super::{
     text::one_line,
 };
 use crate::image::{Image, decode_image};
-use crate::settings::Settings;
 
 /// Makes the scene of the file at `path`, from which `import` was read.
 pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Result<Scene, SceneError> {
-    let Import { meshes, materials, images, mut instances, camera, resolution, defaults, environment } = import;
+    let Import { meshes, materials, images, mut instances, camera, settings, environment } = import;
     let location = Location::file(path);
 
     // Flatten the instances, one mesh after the other.
@@ -56,15 +55,11 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
     } else if is_dark {
         sources.warn(format!("{location}: nothing emits light; add a material with Ke or an [environment]"));
     }
-    let Settings { width, height, .. } = Settings::default();
-    let [width, height] = resolution.unwrap_or([width, height]);
     let (hash, warnings) = sources.finish();
     Ok(Scene {
         name: one_line(&path.file_stem().unwrap_or_default().to_string_lossy()),
         camera: camera.unwrap_or_else(|| Camera::framing(mesh.bounds())),
-        width,
-        height,
-        defaults,
+        settings,
         mesh,
         materials,
         textures,

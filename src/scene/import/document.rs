@@ -17,7 +17,7 @@ use super::{
     obj,
 };
 use crate::scene::{
-    Camera, RenderDefaults,
+    Camera,
     error::{Location, SceneError},
     sources::Sources,
     text::{excerpt, name, one_line},
@@ -33,9 +33,8 @@ pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, Scene
         let line = 1 + valid.iter().filter(|&&byte| byte == b'\n').count();
         Location::line(path, line).refuse("not UTF-8 text; save the file as UTF-8")
     })?;
-    let Document { camera, resolution, defaults, meshes, overrides, environment } = read(path, &text)?;
-    let mut import =
-        Import { camera: Some(camera), resolution: Some(resolution), defaults, environment, ..Import::default() };
+    let Document { camera, settings, meshes, overrides, environment } = read(path, &text)?;
+    let mut import = Import { camera: Some(camera), settings, environment, ..Import::default() };
     let mut importer = obj::Importer::default();
     // Each file is read once however often it is placed.
     let mut known: HashMap<PathBuf, usize> = HashMap::new();
@@ -65,8 +64,7 @@ pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, Scene
 #[derive(Debug)]
 struct Document {
     camera: Camera,
-    resolution: [u32; 2],
-    defaults: RenderDefaults,
+    settings: Settings,
     meshes: Vec<MeshEntry>,
     overrides: Vec<Override>,
     environment: Environment,
@@ -200,14 +198,9 @@ fn read(path: &Path, text: &str) -> Result<Document, SceneError> {
         let problem = "no [[mesh]]; add one that names an OBJ file";
         return Err(reader.refuse_file(problem.into()));
     }
-    let otherwise = Settings::default();
     Ok(Document {
         camera,
-        resolution: [
-            reader.pixels("width", &raw.film.width, otherwise.width)?,
-            reader.pixels("height", &raw.film.height, otherwise.height)?,
-        ],
-        defaults: reader.defaults(&raw.render)?,
+        settings: reader.settings(&raw.film, &raw.render)?,
         meshes: raw.mesh.iter().map(|mesh| reader.mesh(mesh)).collect::<Result<_, _>>()?,
         overrides: raw.material.iter().map(|(name, keys)| reader.material(name, keys)).collect::<Result<_, _>>()?,
         environment: match &raw.environment {
@@ -319,35 +312,37 @@ impl Reader<'_> {
         })
     }
 
-    fn defaults(&self, raw: &RawRender) -> Result<RenderDefaults, SceneError> {
-        let mut defaults = RenderDefaults::default();
+    fn settings(&self, film: &RawFilm, raw: &RawRender) -> Result<Settings, SceneError> {
+        let mut settings = Settings::default();
+        settings.width = self.pixels("width", &film.width, settings.width)?;
+        settings.height = self.pixels("height", &film.height, settings.height)?;
         if let Some(integrator) = &raw.integrator {
-            defaults.integrator = self.choice("integrator", integrator)?;
+            settings.integrator = self.choice("integrator", integrator)?;
         }
         if let Some(sampler) = &raw.sampler {
-            defaults.sampler = self.choice("sampler", sampler)?;
+            settings.sampler = self.choice("sampler", sampler)?;
         }
         if let Some(samples) = &raw.samples {
             let count = u32::try_from(*samples.get_ref()).ok().filter(|&n| n > 0);
             let problem = "samples is out of range; give 1 or more";
             self.require(count.is_some(), samples.span(), problem)?;
-            defaults.samples = count.unwrap_or(defaults.samples);
+            settings.samples = count.unwrap_or(settings.samples);
         }
         if let Some(roulette) = &raw.roulette {
-            defaults.roulette = *roulette.get_ref();
+            settings.roulette = *roulette.get_ref();
             let problem = "roulette is outside [0, 1); give the probability of stopping";
-            self.require((0.0..1.0).contains(&defaults.roulette), roulette.span(), problem)?;
+            self.require((0.0..1.0).contains(&settings.roulette), roulette.span(), problem)?;
         }
         if let Some(bounces) = &raw.max_bounces {
-            defaults.max_bounces = u32::try_from(*bounces.get_ref()).ok();
+            settings.max_bounces = u32::try_from(*bounces.get_ref()).ok();
             let problem = "max_bounces is out of range; give 0 or more, or -1 for unbounded";
-            let in_range = *bounces.get_ref() == -1 || defaults.max_bounces.is_some();
+            let in_range = *bounces.get_ref() == -1 || settings.max_bounces.is_some();
             self.require(in_range, bounces.span(), problem)?;
             let problem = "unbounded paths need roulette above 0; set it, or a bound";
-            let ends = defaults.max_bounces.is_some() || defaults.roulette > 0.0;
+            let ends = settings.max_bounces.is_some() || settings.roulette > 0.0;
             self.require(ends, bounces.span(), problem)?;
         }
-        Ok(defaults)
+        Ok(settings)
     }
 
     fn mesh(&self, raw: &RawMesh) -> Result<MeshEntry, SceneError> {

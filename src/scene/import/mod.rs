@@ -13,11 +13,12 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec2, Vec3};
 
 use super::{
-    Camera, RenderDefaults, Surface, Triangle,
+    Camera, Surface, Triangle,
     error::{Location, SceneError},
     sources::Sources,
     transform::Transform,
 };
+use crate::settings::Settings;
 
 /// Coordinates beyond this, world units, are refused, so that no area or distance overflows.
 pub(super) const FARTHEST: f64 = 1e30;
@@ -33,9 +34,8 @@ pub(super) struct Import {
     /// `None` where the file has meshes and nothing else: then they are seen whole, and lit where
     /// nothing emits light.
     pub camera: Option<Camera>,
-    /// Width and height of the image in pixels, at least 1, where the file says.
-    pub resolution: Option<[u32; 2]>,
-    pub defaults: RenderDefaults,
+    /// What the file asks of a render, and defaults.
+    pub settings: Settings,
     pub environment: Environment,
 }
 
@@ -184,7 +184,7 @@ mod tests {
         let placed: Vec<_> = import.instances.iter().map(|i| (i.mesh, i.transform.point(DVec3::X))).collect();
         assert_eq!(placed, [(0, 8.0 * DVec3::X), (0, 2.0 * DVec3::X)]);
         let bare = imported("m.obj");
-        assert!(bare.camera.is_none() && bare.resolution.is_none());
+        assert!(bare.camera.is_none() && bare.settings == Settings::default());
         assert_eq!(bare.instances[0].transform.point(DVec3::X), DVec3::X);
     }
 

@@ -35,7 +35,7 @@ fn a_clamp_is_in_the_unit_of_the_lamps() {
     let film = |power: i32, clamp: Option<f64>| {
         let mut scene = scene.clone();
         scene.materials.iter_mut().for_each(|material| material.emission *= 2.0_f32.powi(power));
-        let settings = Settings { width: 16, height: 16, samples: 4, ..Settings::of(&scene) };
+        let settings = Settings { width: 16, height: 16, samples: 4, ..scene.settings };
         let clamp = clamp.map(|clamp| clamp * 2.0_f64.powi(power));
         let film = render_on(&device, &scene, &Settings { clamp, ..settings }).film;
         film.sum.iter().map(|sum| *sum * 2.0_f64.powi(-power)).collect::<Vec<_>>()

@@ -15,7 +15,7 @@ use raywave::gpu::GpuError;
 use raywave::image::{Image, WriteOptions, image_bytes, read_image, read_metadata};
 use raywave::render::{PreparedScene, RenderError, Session};
 use raywave::scene::Scene;
-use raywave::settings::Settings;
+use raywave::settings::SETTINGS;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -683,6 +683,31 @@ fn info_tells_of_the_built_in_scene_and_of_files() {
 }
 
 #[test]
+fn info_tells_every_setting_and_who_gave_it_its_value() {
+    let folder = Folder::new();
+    let path = common::project_file("scenes/cornell-glass.toml");
+    let of_glass = [path.to_str().expect("the path is UTF-8"), "--fetch", "texel", "--clamp", "2.5"];
+    let told = folder.succeed(&[&["info"][..], &of_glass].concat());
+    let row = |flag: &str| -> Vec<String> {
+        let mut lines = told.lines().map(|line| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>());
+        lines.find(|words| words.len() == 3 && words[0] == flag).unwrap_or_else(|| panic!("{flag} in {told}"))
+    };
+    for setting in SETTINGS {
+        assert_eq!(row(setting.flag).len(), 3);
+    }
+    assert_eq!(row("clamp")[1..], ["2.5", "flag"]);
+    assert_eq!(row("fetch")[1..], ["texel", "flag"]);
+    assert_eq!(row("seed")[1..], ["0", "default"]);
+    assert_eq!(row("scheduler")[2], "device");
+    assert_eq!(row("max-bounces")[2], "scene");
+    let json: Value =
+        serde_json::from_str(&folder.succeed(&[&["info", "--json"][..], &of_glass].concat())).expect("JSON");
+    let keys: Vec<&str> = SETTINGS.iter().map(|setting| setting.key).collect();
+    assert_eq!(json["settings"].as_object().expect("an object").keys().collect::<Vec<_>>(), keys);
+    assert_eq!(json["settings"]["clamp"], 2.5);
+}
+
+#[test]
 fn an_image_differs_from_itself_by_nothing() {
     let folder = Folder::new();
     let report = folder.succeed(&["diff", "small.exr", "small.exr"]);
@@ -898,7 +923,7 @@ fn a_scene_over_the_limits_of_the_device_is_refused() {
     let texels = 1 + limits.max_texel_buffer_elements.max(limits.max_storage_buffer_bytes / 8);
     prepared.textures = vec![[0; 2]; texels as usize];
     prepared.features.textures = true;
-    let error = Session::new(&device, &prepared, &Settings::of(&scene)).err().expect("the scene is too large");
+    let error = Session::new(&device, &prepared, &scene.settings).err().expect("the scene is too large");
     let RenderError::Gpu(GpuError::BufferTooLarge { buffer, needed, allowed, .. }) = error else { panic!("{error}") };
     assert_eq!((buffer, needed), ("textures", 8 * texels));
     assert!(allowed < needed);

@@ -57,7 +57,7 @@ fn settings(scene: &Scene, scheduler: Scheduler) -> Settings {
         max_bounces: Some(3),
         scheduler: Some(scheduler),
         in_flight: Some(1024),
-        ..Settings::of(scene)
+        ..scene.settings
     }
 }
 

@@ -21,7 +21,7 @@ const SCHEDULERS: [(Scheduler, &str); 3] =
 
 fn schedulers(bench: &Bench<'_>) -> Result<Finding, RenderError> {
     let scene = Scene::cornell_box();
-    let settings = Settings { width: 96, height: 96, samples: 4, max_bounces: Some(6), ..Settings::of(&scene) };
+    let settings = Settings { width: 96, height: 96, samples: 4, max_bounces: Some(6), ..scene.settings };
     let renderer = Renderer::new(bench.device)?;
     let mut digests = Vec::new();
     for (scheduler, name) in SCHEDULERS {

@@ -13,7 +13,6 @@ use raywave::layout::{Batch, Triangle};
 use raywave::recording::Recording;
 use raywave::render::{Plan, PreparedScene, RenderError, scene_buffers};
 use raywave::scene::Scene;
-use raywave::settings::Settings;
 
 pub const CHECKS: &[Check] = &[Check {
     name: "watertight",
@@ -53,7 +52,7 @@ fn trace(
     prepared: &PreparedScene,
     invocations: u32,
 ) -> Result<Vec<u32>, RenderError> {
-    let settings = Settings::of(scene);
+    let settings = scene.settings;
     let plan = Plan {
         width: invocations,
         height: 1,

@@ -76,7 +76,7 @@ impl Lab<'_> {
     /// A square picture of one sample a pixel.
     pub fn picture(&self, integrator: Integrator, max_bounces: u32) -> Settings {
         let (side, max_bounces) = (self.side(), Some(max_bounces));
-        let settings = Settings::of(&Scene::cornell_box());
+        let settings = Scene::cornell_box().settings;
         Settings { width: side, height: side, samples: 1, integrator, max_bounces, roulette: 0.0, ..settings }
     }
 
@@ -164,7 +164,7 @@ impl Lab<'_> {
         ray: impl Fn(u64) -> RayRecord + Sync,
     ) -> Result<Measured, RenderError> {
         const AT_ONCE: u64 = 1 << 22;
-        let settings = Settings::of(&Scene::cornell_box());
+        let settings = Scene::cornell_box().settings;
         let mut lost = 0;
         for first in (0..rays).step_by(AT_ONCE as usize) {
             let part: Vec<RayRecord> = (first..rays.min(first + AT_ONCE)).into_par_iter().map(&ray).collect();
