@@ -122,7 +122,7 @@ float portable_root_by_integers(const float a) {
     root += rest > int(root) ? 1u : 0u;
     uint result = uint(((exponent >> 1) + 127) * int(LEADING_BIT)) + (root - LEADING_BIT);
     result = mix(mix(result, x, (x & ~SIGN) == 0u), x, x == INFINITE);
-    // Bits above those of an infinity are of no number, or of one below zero.
+    // Bits above those of an infinity are NaN, or negative.
     return uintBitsToFloat(mix(result, NOT_A_NUMBER, x > INFINITE && x != SIGN));
 }
 
@@ -174,7 +174,7 @@ vec3 portable_normalize(const vec3 a) { return a * (1.0 / sqrt(portable_dot(a, a
 vec3 portable_reflect(const vec3 a, const vec3 n) { return a - (2.0 * portable_dot(n, a)) * n; }
 float portable_inverse_sqrt(const float a) { return 1.0 / sqrt(a); }
 
-// Where an operand is no number the first one is the answer.
+// Where an operand is NaN the first one is the answer.
 #define SELECTIONS(TYPE, BOOL) \
     TYPE portable_min(const TYPE a, const TYPE b) { return mix(a, b, lessThan(b, a)); } \
     TYPE portable_max(const TYPE a, const TYPE b) { return mix(a, b, greaterThan(b, a)); } \

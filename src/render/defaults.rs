@@ -123,7 +123,7 @@ impl Defaults {
         tuned: None,
     };
 
-    /// Invocations of a workgroup, where a device has so many.
+    /// Invocations of a workgroup, where a device has that many.
     pub const WORKGROUP: u32 = 256;
     /// Paths in flight on a GPU. On data-centre cards 2^23 are 3 to 20 % faster than 2^20.
     const GPU_PATHS: u32 = 1 << 23;
@@ -133,9 +133,9 @@ impl Defaults {
     /// kernel costs lavapipe some milliseconds: with a tree, and with a list, which is faster.
     const FOLLOWED_PATHS: u32 = 1 << 20;
     const LISTED_PATHS: u32 = 1 << 22;
-    /// Paths in flight take one part in so many of the device's memory, at most.
+    /// Paths in flight take at most one part in this many of the device's memory.
     const MEMORY_SHARE: u64 = 4;
-    /// Invocations of the megakernel on software, if so many paths are in flight: 64 workgroups to share among the
+    /// Invocations of the megakernel on software, if at least that many paths are in flight: 64 workgroups to share among the
     /// cores. The more paths an invocation follows, the less it matters that the last ones of its subgroup end apart.
     const INVOCATIONS: u32 = 1 << 14;
     /// Paths of a render from which on the megakernel takes less time than bounce on lavapipe: an invocation
@@ -217,7 +217,7 @@ impl Defaults {
         settings.scheduler.unwrap_or(preferred)
     }
 
-    /// Whether invocations of the megakernel have and may follow so many paths that it is the fastest.
+    /// Whether the megakernel has enough paths for its invocations to be the fastest.
     fn follows_many(&self, settings: &Settings, levels: SceneLevels) -> bool {
         if levels.bvh == 0 {
             let bounces = settings.max_bounces.unwrap_or(u32::MAX);
@@ -231,7 +231,7 @@ impl Defaults {
             && !asks_for_queues
     }
 
-    /// The shape of the BVH of so many triangles. A list is the fastest as long as it is short. Else it is two-wide on
+    /// The shape of the BVH of this many triangles. A list is the fastest as long as it is short. Else it is two-wide on
     /// GPUs, for nearly every class of rays, and on software of four lanes a subgroup; on eight lanes it is eight-wide.
     pub fn bvh(&self, settings: &Settings, triangles: usize) -> BvhKind {
         let default = match (self.software, self.lanes) {
@@ -248,7 +248,7 @@ impl Defaults {
         Access { texel_fetch: self.fetch(settings) == Fetch::Texel, subgroup_ballot: true }
     }
 
-    /// Paths in flight, each with so many bytes of state.
+    /// Paths in flight, each with this many bytes of state.
     pub(super) fn paths_in_flight(&self, scheduler: Scheduler, levels: SceneLevels, state_bytes: u64) -> u32 {
         let wanted = match (self.software, scheduler, levels.bvh) {
             (true, Scheduler::Megakernel, 0) => Self::LISTED_PATHS,
@@ -260,7 +260,7 @@ impl Defaults {
         u64::from(wanted).min(fit.max(1)) as u32
     }
 
-    /// Paths that an invocation of the megakernel follows one after the other, of so many in flight.
+    /// Paths that an invocation of the megakernel follows one after the other, of this many in flight.
     pub(super) fn paths_per_invocation(&self, settings: &Settings, levels: SceneLevels, in_flight: u32) -> u32 {
         if !self.software {
             return 1;

@@ -93,7 +93,7 @@ pub struct Taken {
 }
 
 impl Taken {
-    /// Adds a batch of a tile of so many pixels.
+    /// Adds a batch of a tile of this many pixels.
     pub fn add(&mut self, batch: SampleRange, tile_pixels: u32) {
         self.more = batch.sample_count;
         self.pixels += batch.pixel_count;
@@ -155,14 +155,14 @@ impl Plan {
     /// Samples of a pixel in one batch, at most: resolve loops over them, twice where some are not
     /// finite, and lavapipe leaves an invocation's loops after 65 535 rounds without a word.
     const SAMPLES_AT_ONCE: u32 = 1 << 14;
-    /// Samples of a pixel in one batch, at least, where so many are asked for: paths that begin in one
+    /// Samples of a pixel in one batch, at least, where that many are asked for: paths that begin in one
     /// pixel see much the same, so the lanes of a subgroup stay together for longer. Few, since a render
     /// that is broken off finishes the samples that it has begun.
     const SAMPLES_SIDE_BY_SIDE: u32 = 4;
     /// Rays of a replay in one launch, at most: enough to keep any device busy, and 56 bytes each.
     const REPLAYED_RAYS: u32 = 1 << 22;
 
-    /// Invocations of the megakernel in a launch of fewer paths than are in flight: so many or a multiple of that, since
+    /// Invocations of the megakernel in a launch of fewer paths than are in flight: this number or a multiple of it, since
     /// few workgroups must be shared evenly among cores.
     const SHARED_INVOCATIONS: u32 = 1 << 10;
 
@@ -288,12 +288,12 @@ impl Plan {
         })
     }
 
-    /// Samples of a pixel in one batch, at least, if so many are to be taken.
+    /// Samples of a pixel in one batch, at least, if that many are to be taken.
     pub fn samples_side_by_side(&self) -> u32 {
         Self::SAMPLES_SIDE_BY_SIDE.min(self.path_capacity)
     }
 
-    /// Invocations of the megakernel that follow so many paths: fewer paths each than the plan has it where the cores
+    /// Invocations of the megakernel that follow this many paths: fewer paths each than the plan has it where the cores
     /// could not share the invocations evenly.
     pub fn invocations(&self, paths: u32) -> u32 {
         let invocations = paths.div_ceil(self.paths_per_invocation).next_multiple_of(Self::SHARED_INVOCATIONS);

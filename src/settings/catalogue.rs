@@ -245,7 +245,7 @@ fn switch(text: &str) -> Result<bool, String> {
 }
 
 fn number(text: &str) -> Result<f64, String> {
-    text.parse().map_err(|_| format!("{text} is no number"))
+    text.parse().map_err(|_| format!("{text} is not a number"))
 }
 
 /// A count in a range whose least is -1 where there need be no bound.

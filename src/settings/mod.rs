@@ -89,7 +89,7 @@ pub struct Settings {
     /// material. They do not change the image.
     pub shading_cost: u32,
     /// Branches that the scattering of hits is spread over by their triangle, in
-    /// [1, [`MAX_MATERIAL_BRANCHES`]], to stand for a scene of so many BSDFs. They do not change the
+    /// [1, [`MAX_MATERIAL_BRANCHES`]], to stand for a scene of that many BSDFs. They do not change the
     /// image.
     pub material_branches: u32,
     /// The shape of the BVH; `None` leaves it to the device.

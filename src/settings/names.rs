@@ -56,7 +56,7 @@ macro_rules! named {
 named! {
     /// How light is gathered along a path.
     pub enum Integrator {
-        /// BRDF importance sampling only.
+        /// BSDF importance sampling only.
         Implicit,
         /// Next-event estimation, a light sample at every vertex.
         Explicit,

@@ -193,7 +193,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Renders as [`Session::go_on`] says, and adds what the device did to the traces if so many passes of it are wanted. The
+/// Renders as [`Session::go_on`] says, and adds what the device did to the trace if that many passes of it are wanted. The
 /// session ends with it.
 fn go_on(
     mut session: Session,

@@ -35,7 +35,7 @@ pub struct ReplayArguments {
     /// Timed rounds; each traces all rays
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     rounds: u32,
-    /// Trace the dump so many times over in a round, to keep a device busy with a small one
+    /// Trace the dump N times over in a round, to keep a device busy with a small one
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     repeat: u32,
     /// Invocations of a workgroup

@@ -54,7 +54,7 @@ pub struct Key {
 }
 
 impl Key {
-    /// The tuning of such a device for scenes of about so many triangles.
+    /// The tuning of such a device for scenes of about this many triangles.
     pub fn new(device: &DeviceDescription, triangles: usize) -> Self {
         let least = 4_u64.pow((triangles.max(1) as u64).ilog(4));
         Self {

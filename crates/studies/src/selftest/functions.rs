@@ -157,7 +157,7 @@ fn judge(function: &Function, cases: &[[f32; 2]], answers: &[u32]) -> Finding {
         Some(_) => Verdict::Off,
         None => Verdict::Property,
     };
-    let lost = if nonfinite > 0 { format!("; {nonfinite} are no numbers") } else { String::new() };
+    let lost = if nonfinite > 0 { format!("; {nonfinite} are NaN or infinite") } else { String::new() };
     let found = format!(
         "off by up to {worst:.1} units of the last place, as of {at:?}, and by up to {worst_absolute:.1e}{lost}"
     );

@@ -8,7 +8,7 @@ pub const CHECKS: &[Check] = &[
     Check {
         name: "nan-and-zeros",
         checked: "comparisons, isnan, isinf, signs, and zeros of both signs",
-        spoils: "samples that are no numbers are not found, and degenerate triangles are hit",
+        spoils: "samples that are NaN are not found, and degenerate triangles are hit",
         run: |bench| {
             let cases = pairs();
             Ok(judge(&cases, &bench.ask(kernels::SPECIALS, 0, &cases)?))

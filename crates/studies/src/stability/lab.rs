@@ -98,7 +98,7 @@ impl Lab<'_> {
         let wrong = |(pixel, sum): (usize, &DVec3)| {
             let expected = expected(pixel);
             let error = (*sum - expected).abs().max_element();
-            // What is no number is wrong.
+            // NaN is wrong.
             error.is_nan() || error > tolerance * expected
         };
         let wrong = film.sum.iter().enumerate().filter(|sample| wrong(*sample)).count();
