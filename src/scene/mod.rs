@@ -210,6 +210,18 @@ pub enum Surface {
     Dielectric,
 }
 
+impl Surface {
+    /// Whether a diffuse reflectance means something of it.
+    pub fn is_diffuse(self) -> bool {
+        matches!(self, Self::Glossy)
+    }
+
+    /// Whether a specular reflectance does: the weight of a lobe or of a mirror.
+    pub fn is_reflector(self) -> bool {
+        matches!(self, Self::Glossy | Self::Mirror)
+    }
+}
+
 /// A diffuse reflectance image, bilinear and repeated by its user.
 #[derive(Debug, Clone)]
 pub struct Texture {

@@ -58,12 +58,11 @@ impl Estimate {
         let settings = settings(own);
         let survival = (1.0 - settings.roulette).powi(settings.max_bounces.unwrap_or(0) as i32);
         let brightest_path = f64::from(brightest_light(&scene)) / survival / f64::from(settings.samples);
-        let (mean, variance) = match settings.sampler {
-            Independent => {
-                let film = render_on(device, &scene, &settings).film;
-                (film.mean(), film.variance_of_mean())
-            }
-            Sobol => replicated(device, &scene, &settings),
+        let (mean, variance) = if settings.sampler == Independent {
+            let film = render_on(device, &scene, &settings).film;
+            (film.mean(), film.variance_of_mean())
+        } else {
+            replicated(device, &scene, &settings)
         };
         Self { mean, variance, brightest_path }
     }

@@ -68,6 +68,16 @@ features! {
     distance, "distant camera": |s| s.distance;
 }
 
+/// The BSDF of a surface, as kernels call it: one of `SURFACE_*`.
+pub(super) fn bsdf_of(surface: Surface) -> u32 {
+    match surface {
+        Surface::Glossy => SURFACE_PHONG,
+        Surface::Mirror => SURFACE_MIRROR,
+        Surface::Refractive => SURFACE_REFRACTIVE,
+        Surface::Dielectric => SURFACE_DIELECTRIC,
+    }
+}
+
 /// A feature that a scene has or not.
 #[derive(Debug)]
 pub struct FeatureFlag {

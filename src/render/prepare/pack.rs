@@ -4,11 +4,11 @@ use std::collections::HashSet;
 
 use glam::{Vec2, Vec3};
 
-use super::features::used_materials;
+use super::features::{bsdf_of, used_materials};
 use super::space::scaled;
 use crate::constants::*;
 use crate::layout::{Material, Normals};
-use crate::scene::{self, Scene, Surface};
+use crate::scene::{self, Scene};
 
 /// Largest Phong exponent of the kernels. Such a lobe is a millionth of a radian wide, about as wide as the rounding of a
 /// direction: a larger exponent would show nothing but that.
@@ -17,16 +17,7 @@ const MAX_EXPONENT: f32 = 1e12;
 pub(super) fn pack_material(material: &scene::Material, headers: &[u32], radiance_scale: f64) -> Material {
     Material {
         kd: material.diffuse.to_array(),
-        surface: if material.is_emitter() {
-            SURFACE_EMITTER
-        } else {
-            match material.surface {
-                Surface::Glossy => SURFACE_PHONG,
-                Surface::Mirror => SURFACE_MIRROR,
-                Surface::Refractive => SURFACE_REFRACTIVE,
-                Surface::Dielectric => SURFACE_DIELECTRIC,
-            }
-        },
+        surface: if material.is_emitter() { SURFACE_EMITTER } else { bsdf_of(material.surface) },
         ks: material.specular.to_array(),
         ns: material.exponent.min(MAX_EXPONENT),
         ke: scaled(material.emission, radiance_scale),

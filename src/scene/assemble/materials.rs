@@ -8,7 +8,7 @@ use half::f16;
 use super::decoded;
 use crate::image::Image;
 use crate::scene::{
-    Material, Surface, Texture,
+    Material, Texture,
     error::{Location, SceneError},
     import::{self, ImageFile},
     sources::Sources,
@@ -90,12 +90,9 @@ impl Materials {
         let import::Material { name, location, surface, diffuse, specular, emission, .. } = &self.described[described];
         // The energy rule holds for the largest value that an image has in each channel.
         let diffuse = shown.map_or(*diffuse, |image| self.reflectances[&image].brightest());
-        let (diffuse, specular) = match surface {
-            _ if *emission != Vec3::ZERO => (Vec3::ZERO, Vec3::ZERO),
-            Surface::Glossy => (diffuse, *specular),
-            Surface::Mirror => (Vec3::ZERO, *specular),
-            Surface::Refractive | Surface::Dielectric => (Vec3::ZERO, Vec3::ZERO),
-        };
+        let emits = *emission != Vec3::ZERO;
+        let diffuse = if surface.is_diffuse() && !emits { diffuse } else { Vec3::ZERO };
+        let specular = if surface.is_reflector() && !emits { *specular } else { Vec3::ZERO };
         let largest = (diffuse + specular).max_element();
         let scale = 1.0 / largest.max(1.0);
         if scale < 0.9999 {

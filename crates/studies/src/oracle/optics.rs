@@ -2,8 +2,8 @@
 
 use std::f64::consts::{FRAC_1_PI, TAU};
 
-use glam::DVec3;
-use raywave::scene::Material;
+use glam::{DVec2, DVec3};
+use raywave::scene::{Material, Surface};
 
 /// The mirror direction of `wo`.
 pub fn mirrored(n: DVec3, wo: DVec3) -> DVec3 {
@@ -54,4 +54,72 @@ pub fn reflectance(cosine: f64, eta: f64) -> f64 {
     let perpendicular = (cosine - eta * beyond) / (cosine + eta * beyond);
     let parallel = (eta * cosine - beyond) / (eta * cosine + beyond);
     0.5 * (perpendicular * perpendicular + parallel * parallel)
+}
+
+/// Whether the BSDF has one direction, or two, for each other.
+pub fn is_specular(material: &Material) -> bool {
+    material.surface != Surface::Glossy
+}
+
+/// Whether light may go on inside, where radiance is scaled by the index.
+pub fn refracts(material: &Material) -> bool {
+    matches!(material.surface, Surface::Refractive | Surface::Dielectric)
+}
+
+/// f cos and pdf of a BSDF that is not specular, for a pair of directions.
+pub fn evaluate(material: &Material, n: DVec3, wo: DVec3, wi: DVec3) -> (DVec3, f64) {
+    (glossy(material, n, wo, wi), scatter_density(material, n, wo, wi))
+}
+
+/// A direction and f cos / pdf, at a surface whose front `wo` is on or not. `choice` picks what is specular, `u` a direction.
+pub fn scatter(material: &Material, normal: DVec3, wo: DVec3, is_front: bool, choice: f64, u: DVec2) -> (DVec3, DVec3) {
+    let mirrored = mirrored(normal, wo);
+    match material.surface {
+        Surface::Glossy => {
+            // The remapped number gives the direction.
+            let (by_lobe, x) = falls_below(u.x, phong_share(material));
+            let (axis, exponent) = if by_lobe { (mirrored, f64::from(material.exponent)) } else { (normal, 1.0) };
+            let wi = cosine_power(axis, exponent, DVec2::new(x, u.y));
+            let weight = glossy(material, normal, wo, wi) / scatter_density(material, normal, wo, wi);
+            (wi, weight)
+        }
+        Surface::Mirror => (mirrored, material.specular.as_dvec3()),
+        Surface::Refractive | Surface::Dielectric => {
+            let index = f64::from(material.ior);
+            let eta = if is_front { index } else { 1.0 / index };
+            let cosine = wo.dot(normal);
+            let Some(beyond) = refracted_cosine(cosine, eta) else { return (mirrored, DVec3::ONE) };
+            if material.surface == Surface::Dielectric && choice < reflectance(cosine, eta) {
+                return (mirrored, DVec3::ONE);
+            }
+            let refracted = (cosine / eta - beyond) * normal - wo / eta;
+            // Radiance scales with the square of the index.
+            (refracted.normalize(), material.transmission.as_dvec3() / (eta * eta))
+        }
+    }
+}
+
+/// A direction with the pdf (exponent + 1) / (2 pi) cos^exponent about the axis; exponent 1 is the cosine hemisphere.
+fn cosine_power(axis: DVec3, exponent: f64, u: DVec2) -> DVec3 {
+    let cosine = (1.0 - u.x).powf(1.0 / (exponent + 1.0));
+    let sine = (1.0 - cosine * cosine).sqrt();
+    let (x, y) = basis(axis);
+    let across = DVec2::from_angle(TAU * u.y);
+    sine * (across.x * x + across.y * y) + cosine * axis
+}
+
+/// z of normals between the two branches of `basis`, which few walls have.
+const BASIS_EDGE: f64 = -0.4375;
+
+/// The basis in which the kernels measure angles. (Duff et al. 2017, Building an Orthonormal Basis, Revisited)
+fn basis(n: DVec3) -> (DVec3, DVec3) {
+    let sign = if n.z >= BASIS_EDGE { 1.0 } else { -1.0 };
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    (DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y))
+}
+
+/// Whether a number in [0, 1) falls below a probability, and the number remapped to [0, 1), uniform again.
+pub fn falls_below(u: f64, share: f64) -> (bool, f64) {
+    if u < share { (true, u / share) } else { (false, (u - share) / (1.0 - share)) }
 }

@@ -11,7 +11,7 @@ use glam::{DVec2, DVec3};
 
 use super::optics;
 use super::sobol::sobol4;
-use raywave::scene::{Environment, Material, NONE, Scene, Surface};
+use raywave::scene::{Environment, Material, NONE, Scene};
 use raywave::settings::{Integrator, RouletteMode, Sampler, Settings};
 
 /// A scene as the path tracer sees it.
@@ -169,12 +169,11 @@ impl<'a> Reference<'a> {
             if max_bounces == Some(bounce) {
                 break;
             }
-            let specular = vertex.material.surface != Surface::Glossy;
+            let specular = optics::is_specular(vertex.material);
             if (explicit || mis) && !specular {
                 if let Some(sample) = self.sample_lamps(&vertex, random(1 + 2 * bounce)) {
-                    let value = optics::glossy(vertex.material, vertex.normal, vertex.wo, sample.direction);
-                    let scattered =
-                        optics::scatter_density(vertex.material, vertex.normal, vertex.wo, sample.direction);
+                    let (value, scattered) =
+                        optics::evaluate(vertex.material, vertex.normal, vertex.wo, sample.direction);
                     let above = if value == DVec3::ZERO { 0.0 } else { scattered };
                     let weight = if mis { power_heuristic(sample.density, above) } else { 1.0 };
                     let radiance = self.clamped(throughput * value * sample.radiance * weight, bounce + 1);
@@ -195,14 +194,14 @@ impl<'a> Reference<'a> {
             if !by_throughput && stop < roulette {
                 break;
             }
-            let (direction, weight) = scatter(&vertex, choice, DVec2::new(u, v));
+            let Vertex { material, normal, wo, is_front, .. } = vertex;
+            let (direction, weight) = optics::scatter(material, normal, wo, is_front, choice, DVec2::new(u, v));
             throughput *= weight;
             if !by_throughput {
                 throughput /= 1.0 - roulette;
             } else if bounce >= roulette_from {
                 // In glass radiance is scaled by 1 / Ni², and will be scaled back.
-                let into_glass = matches!(vertex.material.surface, Surface::Refractive | Surface::Dielectric)
-                    && self.facets[vertex.facet].normal.dot(direction) < 0.0;
+                let into_glass = optics::refracts(material) && self.facets[vertex.facet].normal.dot(direction) < 0.0;
                 let scale = if into_glass { f64::from(vertex.material.ior).powi(2) } else { 1.0 };
                 let survival = (throughput.max_element() * scale).min(1.0 - roulette);
                 if stop >= survival {
@@ -215,8 +214,7 @@ impl<'a> Reference<'a> {
             }
             ray = Ray { origin: vertex.position, direction, leaves: Some(vertex.facet) };
             sees_emission = !explicit || specular;
-            density =
-                (!specular).then(|| optics::scatter_density(vertex.material, vertex.normal, vertex.wo, direction));
+            density = (!specular).then(|| optics::evaluate(material, normal, wo, direction).1);
         }
         path
     }
@@ -275,7 +273,7 @@ impl<'a> Reference<'a> {
         let place = pick * self.lamps.len() as f64;
         let cell = self.lamps.get(place as usize)?;
         let left = (place.fract() + digits * self.lamps.len() as f64 * 2.0_f64.powi(-24)).min(1.0);
-        let (own, u) = falls_below(left, cell.threshold);
+        let (own, u) = optics::falls_below(left, cell.threshold);
         let index = if own { cell.facet } else { cell.alias };
         let Facet { corner, edges: [second, third], normal, material } = self.facets[index];
         let s = u.sqrt();
@@ -315,60 +313,6 @@ impl Facet {
 /// Power heuristic: MIS weight of a sample with pdf `own` against the other strategy's. (Veach 1997, section 9.2)
 fn power_heuristic(own: f64, other: f64) -> f64 {
     own * own / (own * own + other * other)
-}
-
-/// Whether a number in [0, 1) falls below a probability, and the number remapped to [0, 1), uniform again.
-fn falls_below(u: f64, share: f64) -> (bool, f64) {
-    if u < share { (true, u / share) } else { (false, (u - share) / (1.0 - share)) }
-}
-
-/// A direction and f cos / pdf.
-fn scatter(vertex: &Vertex<'_>, choice: f64, u: DVec2) -> (DVec3, DVec3) {
-    let Vertex { material, wo, normal, is_front, .. } = *vertex;
-    let mirrored = optics::mirrored(normal, wo);
-    match material.surface {
-        Surface::Glossy => {
-            // The remapped number gives the direction.
-            let (by_lobe, x) = falls_below(u.x, optics::phong_share(material));
-            let (axis, exponent) = if by_lobe { (mirrored, f64::from(material.exponent)) } else { (normal, 1.0) };
-            let wi = cosine_power(axis, exponent, DVec2::new(x, u.y));
-            let weight = optics::glossy(material, normal, wo, wi) / optics::scatter_density(material, normal, wo, wi);
-            (wi, weight)
-        }
-        Surface::Mirror => (mirrored, material.specular.as_dvec3()),
-        Surface::Refractive | Surface::Dielectric => {
-            let index = f64::from(material.ior);
-            let eta = if is_front { index } else { 1.0 / index };
-            let cosine = wo.dot(normal);
-            let Some(beyond) = optics::refracted_cosine(cosine, eta) else { return (mirrored, DVec3::ONE) };
-            if material.surface == Surface::Dielectric && choice < optics::reflectance(cosine, eta) {
-                return (mirrored, DVec3::ONE);
-            }
-            let refracted = (cosine / eta - beyond) * normal - wo / eta;
-            // Radiance scales with the square of the index.
-            (refracted.normalize(), material.transmission.as_dvec3() / (eta * eta))
-        }
-    }
-}
-
-/// A direction with the pdf (exponent + 1) / (2 pi) cos^exponent about the axis; exponent 1 is the cosine hemisphere.
-fn cosine_power(axis: DVec3, exponent: f64, u: DVec2) -> DVec3 {
-    let cosine = (1.0 - u.x).powf(1.0 / (exponent + 1.0));
-    let sine = (1.0 - cosine * cosine).sqrt();
-    let (x, y) = basis(axis);
-    let across = DVec2::from_angle(TAU * u.y);
-    sine * (across.x * x + across.y * y) + cosine * axis
-}
-
-/// z of normals between the two branches of `basis`, which few walls have.
-const BASIS_EDGE: f64 = -0.4375;
-
-/// The basis in which the kernels measure angles. (Duff et al. 2017, Building an Orthonormal Basis, Revisited)
-fn basis(n: DVec3) -> (DVec3, DVec3) {
-    let sign = if n.z >= BASIS_EDGE { 1.0 } else { -1.0 };
-    let a = -1.0 / (sign + n.z);
-    let b = n.x * n.y * a;
-    (DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
 /// Four numbers in [0, 1), multiples of 2^-24, of pixel, sample, block and seed.
