@@ -12,7 +12,7 @@ fn carried() -> Option<PathBuf> {
 /// A file of the project, by its path from the project's folder.
 pub fn project_file(path: &str) -> PathBuf {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let root = || package.ancestors().find(|folder| folder.join("shaders").is_dir()).expect("shaders are at the root");
+    let root = || package.ancestors().find(|folder| folder.join("scenes").is_dir()).expect("scenes are at the root");
     carried().unwrap_or_else(|| root().to_path_buf()).join(path)
 }
 
