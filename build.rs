@@ -8,10 +8,11 @@
 //! every kernel; the host puts one into a kernel when it builds it. The crate `raywave-shaders` has what is done to
 //! SPIR-V; here is what is done to GLSL.
 
-use std::collections::BTreeMap;
+use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::{env, fs, process, thread};
 
 use raywave_shaders::{
@@ -62,11 +63,12 @@ fn main() {
     let [(portable, portable_entry), (_, hostile_entry)] =
         LIBRARIES.map(|(name, path)| compile_library(name, path, &out).unwrap_or_else(|error| fail(&[error])));
     forget_others(&out);
-    let kernels = table("shaders", &Edition::ALL, Some(&portable), &out);
-    let probes = table(PROBES, &[Edition::Plain], Some(&portable), &out);
+    let texts = Texts { out: out.clone(), modules: Mutex::default() };
+    let kernels = table("shaders", &Edition::ALL, Some(&portable), &texts);
+    let probes = table(PROBES, &[Edition::Plain], Some(&portable), &texts);
     // These ask what the device itself does, or are not part of a render.
     let [facts, selftest, examples] =
-        [FACTS, SELFTEST, EXAMPLES].map(|folder| table(folder, &[Edition::Plain], None, &out));
+        [FACTS, SELFTEST, EXAMPLES].map(|folder| table(folder, &[Edition::Plain], None, &texts));
 
     let tables = [&kernels, &probes, &facts, &selftest, &examples];
     let errors: Vec<String> = tables.into_iter().flat_map(|table| table.as_ref().err()).flatten().cloned().collect();
@@ -80,6 +82,7 @@ fn main() {
     write("facts.rs", facts.kernels("FACTS"));
     write("selftest.rs", selftest.kernels("SELFTEST"));
     write("examples.rs", examples.kernels("EXAMPLES"));
+    texts.forget_others();
 }
 
 fn fail(errors: &[String]) -> ! {
@@ -91,7 +94,7 @@ fn fail(errors: &[String]) -> ! {
 type Source = (String, PathBuf, Option<&'static str>);
 
 /// The kernels of a folder, sorted by name, or what is wrong with each that does not compile.
-fn table(folder: &str, editions: &[Edition], portable: Option<&Library>, out: &Path) -> Result<Table, Vec<String>> {
+fn table(folder: &str, editions: &[Edition], portable: Option<&Library>, texts: &Texts) -> Result<Table, Vec<String>> {
     let mut paths: Vec<PathBuf> = match fs::read_dir(folder) {
         Ok(entries) => entries.map(|entry| entry.expect("a shader folder can be read").path()).collect(),
         Err(_) if folder == PROBES => Vec::new(),
@@ -109,7 +112,7 @@ fn table(folder: &str, editions: &[Edition], portable: Option<&Library>, out: &P
 
     // In threads: the kernels take half a minute one after the other.
     let compiled: Vec<_> = thread::scope(|scope| {
-        let compile = |source| scope.spawn(move || compile_variants(folder, source, editions, portable, out));
+        let compile = |source| scope.spawn(move || compile_variants(source, editions, portable, texts));
         let threads: Vec<_> = sources.iter().map(compile).collect();
         threads.into_iter().map(|thread| thread.join().expect("a kernel that does not compile is an error")).collect()
     });
@@ -123,46 +126,72 @@ fn table(folder: &str, editions: &[Edition], portable: Option<&Library>, out: &P
     if errors.is_empty() { Ok(table) } else { Err(errors) }
 }
 
-/// The variants of a kernel: the file of each one's deflated words, and what was read from it. Those whose text is the same
-/// share a file. The variants fail alike, so the first error is enough.
+/// The variants of a kernel: the file of each one's deflated words, and what was read from it. They fail alike, so the first
+/// error is enough.
 fn compile_variants(
-    folder: &str,
-    (name, path, form): &Source,
+    (_, path, form): &Source,
     editions: &[Edition],
     portable: Option<&Library>,
-    out: &Path,
+    texts: &Texts,
 ) -> Result<Vec<(PathBuf, Reflection)>, String> {
     let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
     let source = fs::read_to_string(path).expect("a listed shader can be read");
-    let mut compiled: BTreeMap<String, (PathBuf, Reflection)> = BTreeMap::new();
-    let mut variant = |(index, (edition, access)): (usize, (Edition, Access))| {
+    let variant = |(edition, access): (Edition, Access)| {
         let macros: Vec<&str> = access.macro_names().chain(edition.macro_name()).chain(*form).collect();
         let options = kernel_options(&macros);
         let text = preprocess(&compiler, path, &source, &options)?;
-        if let Some(same) = compiled.get(&text) {
-            return Ok(same.clone());
-        }
-        let file = out.join(format!("{}.{name}.{index}.spv", folder.replace('/', "-")));
-        let mut module = match kept(&file, &text) {
-            Some(module) => module,
-            None => {
-                let module = compile(&compiler, path, &source, &options)?;
-                check(&module, portable).map_err(|error| format!("{}: {error}", path.display()))?;
-                keep(&file, &text, &module);
-                module
+        texts.module_of(&text, |file| {
+            let mut module = match kept(file, &text) {
+                Some(module) => module,
+                None => {
+                    let module = compile(&compiler, path, &source, &options)?;
+                    check(&module, portable).map_err(|error| format!("{}: {error}", path.display()))?;
+                    keep(file, &text, &module);
+                    module
+                }
+            };
+            let reflection = Reflection::of(&module).map_err(|error| format!("{}: {error}", path.display()))?;
+            // For profilers that show sources.
+            if !has_source() {
+                module.debug_names.clear();
             }
-        };
-        let reflection = Reflection::of(&module).map_err(|error| format!("{}: {error}", path.display()))?;
-        // For profilers that show sources.
-        if !has_source() {
-            module.debug_names.clear();
-        }
-        let deflated = file.with_extension("zlib");
-        fs::write(&deflated, deflate(&module.assemble())).expect("OUT_DIR can be written");
-        compiled.insert(text, (deflated.clone(), reflection.clone()));
-        Ok((deflated, reflection))
+            let deflated = file.with_extension("zlib");
+            fs::write(&deflated, deflate(&module.assemble())).expect("OUT_DIR can be written");
+            Ok((deflated, reflection))
+        })
     };
-    variants(editions).enumerate().map(&mut variant).collect()
+    variants(editions).map(variant).collect()
+}
+
+/// A module: the file of its deflated words, and what was read from it; or why it does not compile.
+type Built = Result<(PathBuf, Reflection), String>;
+
+/// The module of each preprocessed text: variants and forms that read alike are one.
+struct Texts {
+    out: PathBuf,
+    modules: Mutex<HashMap<u64, Arc<OnceLock<Built>>>>,
+}
+
+impl Texts {
+    /// The module of that text, which `build` makes, with a file of that name, where no other thread has.
+    fn module_of(&self, text: &str, build: impl FnOnce(&Path) -> Built) -> Built {
+        let mut hasher = DefaultHasher::new();
+        text.hash(&mut hasher);
+        let key = hasher.finish();
+        let module = Arc::clone(self.modules.lock().expect("nobody panics here").entry(key).or_default());
+        module.get_or_init(|| build(&self.out.join(format!("{key:016x}.spv")))).clone()
+    }
+
+    /// Removes what earlier builds kept of texts that are no more.
+    fn forget_others(&self) {
+        let modules = self.modules.lock().expect("nobody panics here");
+        for path in fs::read_dir(&self.out).expect("OUT_DIR can be read").flatten().map(|entry| entry.path()) {
+            let key = path.file_stem().and_then(|stem| u64::from_str_radix(stem.to_str()?, 16).ok());
+            if key.is_some_and(|key| !modules.contains_key(&key)) {
+                fs::remove_file(path).expect("OUT_DIR can be written");
+            }
+        }
+    }
 }
 
 /// A library, and the text of the static that holds it.

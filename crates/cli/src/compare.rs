@@ -6,10 +6,10 @@ use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::bail;
 use indicatif::ProgressBar;
+use jiff::Timestamp;
 
 use super::picture::PictureArguments;
 use super::{at_least_one, print, stop_on_interrupt};
@@ -198,28 +198,9 @@ pub fn provenance() -> Provenance {
         raywave_version: raywave::VERSION.to_owned(),
         rustc_version: raywave::RUSTC_VERSION.to_owned(),
         command_line: std::iter::once("raywave".to_owned()).chain(arguments).collect::<Vec<_>>().join(" "),
-        date: utc(SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()),
+        date: Timestamp::now().strftime("%Y-%m-%dT%H:%M:%SZ").to_string(),
         ..Provenance::default()
     }
-}
-
-/// ISO 8601 in UTC, of a time since 1970.
-///
-/// Source of the calendar: Hinnant, "chrono-compatible low-level date algorithms" (2013),
-/// `civil_from_days`.
-fn utc(since_1970: Duration) -> String {
-    let seconds = since_1970.as_secs();
-    let (days, second) = (seconds / 86_400, seconds % 86_400);
-    // Days and years since 1 March of year 0: leap days end a year, and a leap cycle of 400 years.
-    let z = days + 719_468;
-    let (era, day_of_era) = (z / 146_097, z % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
-    let year = era * 400 + year_of_era + u64::from(month <= 2);
-    format!("{year}-{month:02}-{day:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
 }
 
 fn share(text: &str) -> Result<f64, StudyError> {
@@ -268,27 +249,6 @@ impl Progress {
                 self.bar.suspend(|| eprintln!("{said}"));
             }
             _ => (),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::time::Duration;
-
-    use super::utc;
-
-    #[test]
-    fn dates_follow_the_calendar() {
-        for (seconds, date) in [
-            (0, "1970-01-01T00:00:00Z"),
-            (951_782_399, "2000-02-28T23:59:59Z"),
-            (951_782_400, "2000-02-29T00:00:00Z"),
-            (1_709_251_199, "2024-02-29T23:59:59Z"),
-            (1_735_689_599, "2024-12-31T23:59:59Z"),
-            (4_107_542_400, "2100-03-01T00:00:00Z"),
-        ] {
-            assert_eq!(utc(Duration::from_secs(seconds)), date);
         }
     }
 }

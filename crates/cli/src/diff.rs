@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use serde::Serialize;
 
+use super::picture::one_of;
 use super::print;
 use raywave::image::{WriteOptions, check_output, read_image, write_image};
 pub use raywave_studies::export::heatmap::HeatmapScale;
@@ -29,7 +30,7 @@ pub struct DiffArguments {
     #[arg(long, value_name = "FILE.png")]
     pub heatmap: Option<PathBuf>,
     /// What the heatmap shows
-    #[arg(long, value_enum, value_name = "SCALE", default_value_t, requires = "heatmap")]
+    #[arg(long, value_parser = one_of::<HeatmapScale>(), value_name = "SCALE", default_value = "relative", requires = "heatmap")]
     pub scale: HeatmapScale,
     /// Print red, green and blue beside the whole
     #[arg(long)]

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
 use indicatif::ProgressBar;
+use jiff::SignedDuration;
 
 use super::at_least_one;
 use super::picture::PictureArguments;
@@ -158,15 +159,10 @@ fn above_zero(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "it is not a number above 0".to_owned())
 }
 
-/// Seconds of a time such as 90s, 10m or 1h.
+/// Seconds of a time such as 90s, 10m or 1h30m; a number alone is of seconds.
 pub(super) fn duration(text: &str) -> Result<f64, String> {
-    let (number, unit) = match text.as_bytes().last() {
-        Some(b's') => (&text[..text.len() - 1], 1.0),
-        Some(b'm') => (&text[..text.len() - 1], 60.0),
-        Some(b'h') => (&text[..text.len() - 1], 3600.0),
-        _ => (text, 1.0),
-    };
-    above_zero(number).map(|number| number * unit).map_err(|_| "it is not a time such as 90s, 10m or 1h".to_owned())
+    let units = || text.parse::<SignedDuration>().ok().map(|time| time.as_secs_f64()).filter(|seconds| *seconds > 0.0);
+    above_zero(text).ok().or_else(units).ok_or_else(|| "it is not a time such as 90s, 10m or 1h".to_owned())
 }
 
 #[cfg(test)]
@@ -175,7 +171,8 @@ mod tests {
 
     #[test]
     fn times_have_units() {
-        for (text, seconds) in [("90", Some(90.0)), ("1.5s", Some(1.5)), ("10m", Some(600.0)), ("1h", Some(3600.0))] {
+        for (text, seconds) in [("90", Some(90.0)), ("1.5s", Some(1.5)), ("10m", Some(600.0)), ("1h30m", Some(5400.0))]
+        {
             assert_eq!(duration(text).ok(), seconds, "{text}");
         }
         for text in ["", "m", "-1s", "0", "ten", "1d", "inf", "é"] {

@@ -4,6 +4,7 @@ use std::fmt;
 
 use glam::{DVec3, Vec3};
 use serde::Serialize;
+use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 use crate::stats::relative_squared_error;
 use raywave::image::{Image, srgb};
@@ -14,13 +15,13 @@ const DECADES: f64 = 6.0;
 const NON_FINITE: Vec3 = Vec3::new(0.0, 1.0, 0.0);
 
 /// What the colours of a heatmap stand for.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, EnumString, IntoStaticStr, VariantArray, EnumMessage)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum HeatmapScale {
-    /// log10 of (a - b)² / (b² + 0.01), six decades down from the largest
-    #[default]
+    /// log10 of (a - b)² / (b² + 0.01), six decades down from the largest.
     Relative,
-    /// |a - b|, from 0 to the largest
+    /// |a - b|, from 0 to the largest.
     Absolute,
 }
 
