@@ -22,8 +22,8 @@ mod tune;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
@@ -230,17 +230,22 @@ fn print(text: &str) -> anyhow::Result<()> {
 }
 
 /// A flag that the first Ctrl-C raises, with words on what happens now. The second one ends the
-/// program.
+/// program. A process may ask for one after another: the last one counts.
 fn stop_on_interrupt(words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {
+    static LISTENER: Mutex<Option<(Arc<AtomicBool>, &str)>> = Mutex::new(None);
     let flag = Arc::new(AtomicBool::new(false));
-    let raised = Arc::clone(&flag);
-    ctrlc::set_handler(move || {
-        if raised.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-        eprintln!("\n{words}");
-    })
-    .context("cannot listen for Ctrl-C")?;
+    let listener = || LISTENER.lock().expect("nobody panics here");
+    let before = listener().replace((Arc::clone(&flag), words));
+    if before.is_none() {
+        let interrupted = move || {
+            let Some((raised, words)) = listener().clone() else { return };
+            if raised.swap(true, Ordering::Relaxed) {
+                std::process::exit(130);
+            }
+            eprintln!("\n{words}");
+        };
+        ctrlc::set_handler(interrupted).context("cannot listen for Ctrl-C")?;
+    }
     Ok(flag)
 }
 

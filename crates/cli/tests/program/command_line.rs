@@ -15,7 +15,7 @@ use raywave::gpu::GpuError;
 use raywave::image::{Image, WriteOptions, image_bytes, read_image, read_metadata};
 use raywave::render::{PreparedScene, RenderError, Session};
 use raywave::scene::Scene;
-use raywave::settings::SETTINGS;
+use raywave::settings::{SETTINGS, Setting};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -685,9 +685,9 @@ fn info_tells_of_the_built_in_scene_and_of_files() {
 #[test]
 fn info_tells_every_setting_and_who_gave_it_its_value() {
     let folder = Folder::new();
-    let path = common::project_file("scenes/cornell-glass.toml");
-    let of_glass = [path.to_str().expect("the path is UTF-8"), "--fetch", "texel", "--clamp", "2.5"];
-    let told = folder.succeed(&[&["info"][..], &of_glass].concat());
+    let path = common::project_file("scenes/smooth.toml");
+    let of_scene = [path.to_str().expect("the path is UTF-8"), "--fetch", "texel", "--clamp", "2.5"];
+    let told = folder.succeed(&[&["info"][..], &of_scene].concat());
     let row = |flag: &str| -> Vec<String> {
         let mut lines = told.lines().map(|line| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>());
         lines.find(|words| words.len() == 3 && words[0] == flag).unwrap_or_else(|| panic!("{flag} in {told}"))
@@ -701,10 +701,10 @@ fn info_tells_every_setting_and_who_gave_it_its_value() {
     assert_eq!(row("scheduler")[2], "device");
     assert_eq!(row("max-bounces")[2], "scene");
     let json: Value =
-        serde_json::from_str(&folder.succeed(&[&["info", "--json"][..], &of_glass].concat())).expect("JSON");
+        serde_json::from_str(&folder.succeed(&[&["info", "--json"][..], &of_scene].concat())).expect("JSON");
     let keys: Vec<&str> = SETTINGS.iter().map(|setting| setting.key).collect();
     assert_eq!(json["settings"].as_object().expect("an object").keys().collect::<Vec<_>>(), keys);
-    assert_eq!(json["settings"]["clamp"], 2.5);
+    assert_eq!(json["settings"][Setting::of("clamp").expect("it is one").key], 2.5);
 }
 
 #[test]
