@@ -40,6 +40,16 @@ impl Files {
     }
 }
 
+/// What the user should know but need not act on.
+#[derive(Debug, Clone)]
+pub(super) struct Warning {
+    /// What it is one of. Of each kind the first is shown, with how many there are.
+    pub kind: &'static str,
+    pub location: Location,
+    /// What it says, in one line.
+    pub text: String,
+}
+
 /// The files of one scene.
 #[derive(Debug)]
 pub(super) struct Sources<'a> {
@@ -47,7 +57,8 @@ pub(super) struct Sources<'a> {
     /// Folder of the scene file; names count relative to it in the hash.
     folder: &'a Path,
     hash: blake3::Hasher,
-    warnings: Vec<String>,
+    /// Lines, and of each kind the first, with how many there were.
+    warnings: Vec<(String, Option<&'static str>, usize)>,
 }
 
 impl<'a> Sources<'a> {
@@ -77,14 +88,36 @@ impl<'a> Sources<'a> {
         self.files.has(path)
     }
 
+    /// The name of a file that differs from that path in capital letters only, if there is no such file.
+    pub fn in_another_case(&self, path: &Path) -> Option<String> {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let name = path.file_name()?.to_str()?;
+        let names = std::fs::read_dir(folder).ok()?.flatten().filter_map(|entry| entry.file_name().into_string().ok());
+        names.into_iter().find(|other| other != name && other.to_lowercase() == name.to_lowercase())
+    }
+
     /// Notes what the user should know but need not act on, in one line.
     pub fn warn(&mut self, warning: String) {
-        self.warnings.push(warning);
+        self.warnings.push((warning, None, 1));
+    }
+
+    /// Notes one of a kind, of which there may be many.
+    pub fn note(&mut self, warning: &Warning) {
+        let Warning { kind, location, text } = warning;
+        match self.warnings.iter_mut().find(|(_, known, _)| *known == Some(kind)) {
+            Some((_, _, count)) => *count += 1,
+            None => self.warnings.push((format!("{location}: {text}"), Some(kind), 1)),
+        }
     }
 
     /// The hash of all that was read, and the warnings.
     pub fn finish(self) -> (String, Vec<String>) {
-        (self.hash.finalize().to_hex().to_string(), self.warnings)
+        let line = |(text, _, count): (String, Option<&str>, usize)| match count {
+            1 => text,
+            count => format!("{text} (the first of {count})"),
+        };
+        let warnings = self.warnings.into_iter().map(line).collect();
+        (self.hash.finalize().to_hex().to_string(), warnings)
     }
 
     /// Adds a file's name and contents to the hash. The name counts relative to the scene's folder,

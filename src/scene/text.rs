@@ -1,14 +1,75 @@
 //! Lines, statements and numbers of the text formats, OBJ and MTL above all.
 
-use std::borrow::Cow;
+use std::{borrow::Cow, path::PathBuf};
+
+/// Where the bytes of text that is no UTF-8 stand among characters: byte `b` is the character `ESCAPES + b`. They are in a
+/// plane for private use.
+const ESCAPES: u32 = 0x0010_f700;
+
+/// Text in any encoding that extends ASCII. Bytes that are no UTF-8 become characters of their own, so that names in other
+/// encodings stay apart and [`file_name`] finds them.
+pub(super) fn decode(bytes: &[u8]) -> Cow<'_, str> {
+    if let Ok(text) = std::str::from_utf8(bytes) {
+        return Cow::Borrowed(text);
+    }
+    let mut text = String::with_capacity(bytes.len());
+    for chunk in bytes.utf8_chunks() {
+        text += chunk.valid();
+        text.extend(chunk.invalid().iter().filter_map(|byte| char::from_u32(ESCAPES + u32::from(*byte))));
+    }
+    Cow::Owned(text)
+}
+
+/// The byte that a character of [`decode`] stands for.
+fn escaped(c: char) -> Option<u8> {
+    u32::from(c).checked_sub(ESCAPES).filter(|byte| (0x80..0x100).contains(byte)).map(|byte| byte as u8)
+}
+
+/// A relative path as text files hold it, with either kind of slash, in the bytes that stand there.
+pub(super) fn file_name(text: &str) -> PathBuf {
+    let text = text.replace('\\', "/");
+    #[cfg(unix)]
+    {
+        use std::os::unix::ffi::OsStringExt;
+        let mut bytes = Vec::with_capacity(text.len());
+        for c in text.chars() {
+            match escaped(c) {
+                Some(byte) => bytes.push(byte),
+                None => bytes.extend_from_slice(c.encode_utf8(&mut [0; 4]).as_bytes()),
+            }
+        }
+        std::ffi::OsString::from_vec(bytes).into()
+    }
+    #[cfg(not(unix))]
+    PathBuf::from(text)
+}
+
+/// What a file is that is given for text and is none, and what to do about it.
+pub(super) fn foreign(bytes: &[u8]) -> Option<&'static str> {
+    let starts_with = |text: &str| {
+        let start = bytes.get(..text.len()).unwrap_or_default();
+        start.eq_ignore_ascii_case(text.as_bytes())
+    };
+    match bytes {
+        _ if starts_with("version https://git-lfs") => Some("a Git LFS pointer; fetch the file with `git lfs pull`"),
+        _ if starts_with("<!doctype") || starts_with("<html") => Some("a web page; download the file itself"),
+        [0x1f, 0x8b, ..] => Some("compressed by gzip; unpack it"),
+        [b'P', b'K', 3, 4, ..] => Some("a ZIP archive; unpack it"),
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => Some("UTF-16 text; save it as UTF-8"),
+        _ if bytes.iter().take(1 << 10).any(|byte| *byte == 0) => Some("no text; export it anew"),
+        _ => None,
+    }
+}
 
 /// The statements of an OBJ or MTL text with their line numbers, counted from 1: trimmed, without
 /// comments and empty lines, lines that end in a backslash joined with the next.
 ///
-/// A comment begins at a `#` that opens a line or follows white space, so that names may hold one.
+/// A comment begins at a `#` that opens a line or follows white space, so that names may hold one. Lines end in a line feed,
+/// with or without a carriage return, or all in a carriage return.
 pub(super) fn statements(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut lines = text.lines().enumerate();
+    let end = if text.contains('\n') { '\n' } else { '\r' };
+    let mut lines = text.split(end).enumerate();
     std::iter::from_fn(move || {
         while let Some((index, line)) = lines.next() {
             let mut statement = Cow::Borrowed(without_comment(line).trim());
@@ -43,19 +104,94 @@ pub(super) fn name(text: &str) -> String {
 
 /// A number, finite or not; the error says what was found instead.
 pub(super) fn number(word: &str) -> Result<f64, String> {
-    word.parse().map_err(|_| format!("`{}` is not a number", excerpt(word)))
+    word.parse().or_else(|_| not_finite(word).ok_or_else(|| format!("`{}` is not a number", excerpt(word))))
 }
 
-/// The start of a word that may be long, for a message.
-pub(super) fn excerpt(word: &str) -> String {
-    const SHOWN: usize = 40;
-    match word.char_indices().nth(SHOWN) {
-        Some((end, _)) => format!("{}...", &word[..end]),
-        None => word.to_owned(),
+/// What C libraries write for what is not finite and Rust does not read, as Microsoft's `1.#IND` and `-nan(ind)`.
+fn not_finite(word: &str) -> Option<f64> {
+    let word = word.trim_start_matches(['-', '+']).to_ascii_lowercase();
+    let after_point = word.split_once(".#").map(|(_, rest)| rest);
+    match after_point.unwrap_or(&word) {
+        text if after_point.is_some() && text.starts_with("inf") => Some(f64::INFINITY),
+        text if ["nan", "ind", "qnan", "snan"].iter().any(|nan| text.starts_with(nan)) => Some(f64::NAN),
+        _ => None,
     }
 }
 
-/// Text made safe for a one-line message: control characters become blanks.
+/// The start of a word that may be long, for a message of one line.
+pub(super) fn excerpt(word: &str) -> String {
+    const SHOWN: usize = 40;
+    match word.char_indices().nth(SHOWN) {
+        Some((end, _)) => one_line(&word[..end]) + "...",
+        None => one_line(word),
+    }
+}
+
+/// Text made safe for a one-line message: control characters become blanks, and bytes that are no UTF-8 are shown as such.
 pub(super) fn one_line(text: &str) -> String {
-    text.trim_end().replace(|c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}'), " ")
+    let mut line = String::with_capacity(text.len());
+    for c in text.trim_end().chars() {
+        match escaped(c) {
+            Some(byte) => line += &format!("\\x{byte:02X}"),
+            None if c.is_control() || matches!(c, '\u{2028}' | '\u{2029}') => line.push(' '),
+            None => line.push(c),
+        }
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_of_any_encoding_stay_apart_and_are_shown() {
+        let [red, green] = [b"\xba\xec.png".as_slice(), b"\xc2\xcc.png"];
+        assert_ne!(decode(red), decode(green));
+        assert_eq!(one_line(&decode(red)), "\\xBA\\xEC.png");
+        #[cfg(unix)]
+        {
+            use std::os::unix::ffi::OsStrExt;
+            assert_eq!(file_name(&decode(red)).as_os_str().as_bytes(), red);
+            let mixed = [b"a\\".as_slice(), "ü".as_bytes(), red].concat();
+            assert_eq!(file_name(&decode(&mixed)).as_os_str().as_bytes(), [b"a/", "ü".as_bytes(), red].concat());
+        }
+        assert!(matches!(decode("größer".as_bytes()), Cow::Borrowed("größer")));
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_read_in_every_spelling() {
+        for word in ["nan", "-nan(ind)", "nan(snan)", "1.#IND", "-1.#IND0000", "1.#QNAN"] {
+            assert!(number(word).expect("it is read").is_nan(), "{word}");
+        }
+        for word in ["inf", "-1.#INF", "1.#INF00", "infinity"] {
+            assert!(number(word).expect("it is read").is_infinite(), "{word}");
+        }
+        for word in ["", "-", "x", "1.#", "info.", "1,5", "1.#2"] {
+            assert!(number(word).is_err(), "{word}");
+        }
+    }
+
+    #[test]
+    fn lines_end_in_each_of_three_ways() {
+        for text in ["a 1\n\nb 2 # c\n", "a 1\r\n\r\nb 2 # c\r\n", "a 1\r\rb 2 # c\r", "a 1\n\nb 2"] {
+            let found: Vec<_> = statements(text).map(|(line, text)| (line, text.into_owned())).collect();
+            assert_eq!(found, [(1, "a 1".to_owned()), (3, "b 2".to_owned())], "{text:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_text_is_named() {
+        for (bytes, what) in [
+            (b"version https://git-lfs.github.com/spec/v1\n".as_slice(), "LFS"),
+            (b"<!DOCTYPE html>", "web page"),
+            (b"\x1f\x8b\x08", "gzip"),
+            (b"\xff\xfev\x00 \x00", "UTF-16"),
+            (b"solid\x00\x01", "no text"),
+        ] {
+            assert!(foreign(bytes).is_some_and(|text| text.contains(what)), "{what}");
+        }
+        assert_eq!(foreign(b"v 0 0 0\n"), None);
+        assert_eq!(foreign(b""), None);
+    }
 }

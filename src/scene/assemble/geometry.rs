@@ -1,12 +1,14 @@
 //! Instances to triangles in the world, and which triangles are worth keeping.
 
+use std::collections::HashMap;
+
 use glam::DVec3;
 
 use super::materials::Materials;
 use crate::scene::{
     Mesh, NONE, Triangle,
     error::SceneError,
-    import::{self, FARTHEST},
+    import::{self, FARTHEST, Place},
     sources::Sources,
     transform::Transform,
 };
@@ -33,6 +35,8 @@ impl Mesh {
         if triangle_materials.iter().any(|&material| shows_image(material)) {
             self.uvs.extend(&imported.uvs);
         }
+        // Those of images that lie elsewhere, by material and index there.
+        let mut placed_uvs: HashMap<(u32, u32), u32> = HashMap::new();
         let mut without_area = 0;
         for transform in transforms {
             let first_position = self.positions.len();
@@ -74,7 +78,14 @@ impl Mesh {
                     }
                 }
                 if shows_image(material) {
-                    placed.uvs = triangle.uvs.map(|index| first_uv as u32 + index);
+                    let place = materials.place(material);
+                    placed.uvs = triangle.uvs.map(|index| match place == Place::default() {
+                        true => first_uv as u32 + index,
+                        false => *placed_uvs.entry((material, index)).or_insert_with(|| {
+                            self.uvs.push(place.of(imported.uvs[index as usize]));
+                            self.uvs.len() as u32 - 1
+                        }),
+                    });
                 }
                 self.triangles.push(placed);
             }

@@ -10,8 +10,8 @@ use crate::image::Image;
 use crate::scene::{
     Material, Texture,
     error::{Location, SceneError},
-    import::{self, ImageFile},
-    sources::Sources,
+    import::{self, ImageFile, Place},
+    sources::{Sources, Warning},
     text::{excerpt, one_line},
 };
 
@@ -24,6 +24,8 @@ pub(super) struct Materials {
     /// Of each described material, what was made of it without its image and with it.
     known: Vec<[Option<u32>; 2]>,
     made: Vec<Material>,
+    /// Where the image of each lies on its surfaces.
+    places: Vec<Place>,
     /// The image of each texture and the factor that the energy rule asks for.
     origins: Vec<(usize, f32)>,
     textures: Vec<Texture>,
@@ -32,13 +34,18 @@ pub(super) struct Materials {
 impl Materials {
     pub fn new(described: Vec<import::Material>, images: Vec<ImageFile>) -> Self {
         let known = vec![[None; 2]; described.len()];
-        let (reflectances, made, origins, textures) = Default::default();
-        Self { described, images, reflectances, known, made, origins, textures }
+        let (reflectances, made, places, origins, textures) = Default::default();
+        Self { described, images, reflectances, known, made, places, origins, textures }
     }
 
     /// What was made so far.
     pub fn made(&self) -> &[Material] {
         &self.made
+    }
+
+    /// Where the image of a material of the scene lies on its surfaces.
+    pub fn place(&self, material: u32) -> Place {
+        self.places[material as usize]
     }
 
     /// All materials, and the textures that they index.
@@ -57,23 +64,48 @@ impl Materials {
     ) -> Result<u32, SceneError> {
         let described = described as usize;
         let image = self.described[described].visible_image();
-        let shown = image.filter(|_| has_uvs);
-        let kind = usize::from(shown.is_some());
+        let kind = usize::from(image.is_some() && has_uvs);
         if let Some(known) = self.known[described][kind] {
             return Ok(known);
         }
-        for warning in mem::take(&mut self.described[described].warnings) {
-            sources.warn(warning);
+        let material = &mut self.described[described];
+        for warning in mem::take(&mut material.warnings) {
+            sources.note(&warning);
         }
-        if image.is_some() && shown.is_none() {
-            let name = excerpt(&one_line(&self.described[described].name));
-            sources.warn(format!("{user}: faces of `{name}` lack texture coordinates; they show Kd, not map_Kd"));
+        if let Some(fault) = material.faults.iter().find(|fault| material.shows(fault.key)) {
+            return Err(fault.location.refuse(&fault.problem));
         }
+        if material.diffuse_image.is_some() && material.emission != Vec3::ZERO {
+            let location = material.location.clone().unwrap_or_else(|| user.clone());
+            let text = "a material with Ke is a light and shows no map_Kd".to_owned();
+            sources.note(&Warning { kind: "image on a light", location, text });
+        }
+        if image.is_some() && !has_uvs {
+            let name = excerpt(&material.name);
+            let text = format!("faces of `{name}` lack texture coordinates; they show Kd, not map_Kd");
+            sources.note(&Warning { kind: "no texture coordinates", location: user.clone(), text });
+        }
+        let place = material.image_place;
+        let shown = image.filter(|_| has_uvs).filter(|image| self.is_there(*image, sources));
         let material = self.made_of(described, shown, user, sources)?;
         self.made.push(material);
+        self.places.push(place);
         let index = self.made.len() as u32 - 1;
         self.known[described][kind] = Some(index);
         Ok(index)
+    }
+
+    /// Whether an image can be read. Where it cannot, a warning is enough: models are often handed on without.
+    fn is_there(&self, image: usize, sources: &mut Sources) -> bool {
+        let ImageFile { path, location } = &self.images[image];
+        let is_there = sources.has(path);
+        if !is_there {
+            let name = one_line(&path.to_string_lossy());
+            let other = sources.in_another_case(path).map_or_else(String::new, |other| format!("; there is `{other}`"));
+            let text = format!("there is no image `{name}`; Kd is shown{other}");
+            sources.note(&Warning { kind: "no such image", location: location.clone(), text });
+        }
+        is_there
     }
 
     /// A described material that shows the image `shown`.
@@ -96,12 +128,12 @@ impl Materials {
         let largest = (diffuse + specular).max_element();
         let scale = 1.0 / largest.max(1.0);
         if scale < 0.9999 {
-            sources.warn(format!(
-                "{}: Kd + Ks of `{}` reaches {:.3} in a channel; both are scaled down to 1",
-                location.as_ref().unwrap_or(user),
-                excerpt(&one_line(name)),
+            let text = format!(
+                "Kd + Ks of `{}` reaches {:.3} in a channel; both are scaled down to 1",
+                excerpt(name),
                 1.0 / scale
-            ));
+            );
+            sources.note(&Warning { kind: "energy", location: location.as_ref().unwrap_or(user).clone(), text });
         }
         let material = &self.described[described];
         Ok(Material {
@@ -139,10 +171,8 @@ impl Materials {
             for pixel in &mut image.pixels {
                 *pixel = pixel.min(Vec3::ONE);
             }
-            sources.warn(format!(
-                "{}: map_Kd is brighter than 1; clamped, as nothing reflects more than it gets",
-                file.location
-            ));
+            let text = "map_Kd is brighter than 1; clamped, as nothing reflects more than it gets".to_owned();
+            sources.note(&Warning { kind: "bright image", location: file.location.clone(), text });
         }
         self.reflectances.insert(index, image);
         Ok(())

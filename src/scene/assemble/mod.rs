@@ -13,7 +13,7 @@ use super::{
     Camera, Environment, EnvironmentMap, Material, Mesh, Scene,
     error::{Location, SceneError},
     import::{self, ImageFile, Import},
-    sources::Sources,
+    sources::{Sources, Warning},
     text::one_line,
 };
 use crate::image::{Image, decode_image};
@@ -90,27 +90,38 @@ fn decoded_environment(environment: import::Environment, sources: &mut Sources) 
     Ok(Environment::LatLong(EnvironmentMap { path: file.path, width, height, radiance }))
 }
 
-/// Reads an image of radiance or reflectance: every value is finite and at least 0.
+/// Reads an image of radiance or reflectance. Every value is finite and at least 0: what is negative or NaN counts as 0,
+/// what is infinite as the brightest value that is not.
 fn decoded(file: &ImageFile, sources: &mut Sources) -> Result<Image, SceneError> {
-    let refuse = |problem: String| {
-        let name = one_line(&file.path.to_string_lossy());
-        file.location.refuse(format!("image `{name}` {}", one_line(&problem)))
-    };
+    let name = one_line(&file.path.to_string_lossy());
+    let refuse = |problem: String| file.location.refuse(format!("image `{name}` {}", one_line(&problem)));
     let bytes =
         sources.read(&file.path).map_err(|error| refuse(format!("cannot be read ({error}); check the name")))?;
-    let image = decode_image(&file.path, &bytes).map_err(|problem| refuse(format!("cannot be decoded: {problem}")))?;
+    let mut image =
+        decode_image(&file.path, &bytes).map_err(|problem| refuse(format!("cannot be decoded: {problem}")))?;
     if image.pixels.is_empty() {
         return Err(refuse("has no pixels; export it anew".into()));
     }
     let is_radiance = |pixel: &Vec3| pixel.is_finite() && pixel.min_element() >= 0.0;
-    match image.pixels.iter().position(|pixel| !is_radiance(pixel)) {
-        None => Ok(image),
-        Some(index) => {
-            let (x, y) = (index % image.width as usize, index / image.width as usize);
-            let [r, g, b] = image.pixels[index].to_array();
-            Err(refuse(format!("texel ({x}, {y}) is ({r}, {g}, {b}), negative or not finite; repair the image")))
+    if let Some(first) = image.pixels.iter().position(|pixel| !is_radiance(pixel)) {
+        let channels = image.pixels.iter().flat_map(|pixel| pixel.to_array());
+        let brightest = channels.filter(|value| value.is_finite()).fold(0.0, f32::max);
+        let mut count = 0;
+        for pixel in image.pixels.iter_mut().filter(|pixel| !is_radiance(pixel)) {
+            *pixel = Vec3::from(
+                pixel.to_array().map(|value| if value.is_nan() { 0.0 } else { value.clamp(0.0, brightest) }),
+            );
+            count += 1;
         }
+        let (x, y) = (first % image.width as usize, first / image.width as usize);
+        let text = format!(
+            "image `{name}`: {count} of {} texels, the first at ({x}, {y}), are negative or not finite; they are taken as 0, \
+             or as the brightest",
+            image.pixels.len()
+        );
+        sources.note(&Warning { kind: "texels", location: file.location.clone(), text });
     }
+    Ok(image)
 }
 
 impl Camera {

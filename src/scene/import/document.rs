@@ -11,16 +11,12 @@ use glam::{DVec3, Vec3};
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{
-    Environment, FARTHEST, ImageFile, Import, Instance,
-    mtl::{Definition, portable},
-    obj,
-};
+use super::{Environment, FARTHEST, ImageFile, Import, Instance, mtl::Definition, obj};
 use crate::scene::{
     Camera,
     error::{Location, SceneError},
     sources::Sources,
-    text::{excerpt, name, one_line},
+    text::{excerpt, file_name, name, one_line},
     transform::Transform,
 };
 use crate::settings::{Named, Settings};
@@ -234,7 +230,7 @@ impl Reader<'_> {
     /// A path beside the scene file.
     fn beside(&self, file: &str) -> PathBuf {
         let folder = self.path.parent().unwrap_or(Path::new(""));
-        folder.join(portable(file))
+        folder.join(file_name(file))
     }
 
     fn require(&self, holds: bool, span: Range<usize>, problem: &str) -> Result<(), SceneError> {

@@ -15,7 +15,7 @@ use glam::{DVec3, Vec2, Vec3};
 use super::{
     Camera, Surface, Triangle,
     error::{Location, SceneError},
-    sources::Sources,
+    sources::{Sources, Warning},
     transform::Transform,
 };
 use crate::settings::Settings;
@@ -83,8 +83,22 @@ pub(super) struct Material {
     pub emission: Vec3,
     /// Index into [`Import::images`] of what replaces `diffuse` on faces with texture coordinates.
     pub diffuse_image: Option<usize>,
-    /// Warnings for a user whose scene uses this material, one line each.
-    pub warnings: Vec<String>,
+    /// Where that image lies on the surface.
+    pub image_place: Place,
+    /// Keys whose values cannot be used.
+    pub faults: Vec<Fault>,
+    /// Glass that it is to be once its index of refraction is given.
+    pub withheld: Option<Surface>,
+    /// For a user whose scene uses this material.
+    pub warnings: Vec<Warning>,
+}
+
+/// What is wrong with the value of a key, of account where a surface shows that key.
+#[derive(Debug, Clone)]
+pub(super) struct Fault {
+    pub key: &'static str,
+    pub location: Location,
+    pub problem: String,
 }
 
 impl Material {
@@ -101,13 +115,28 @@ impl Material {
             transmission: Vec3::ONE,
             emission: Vec3::ZERO,
             diffuse_image: None,
+            image_place: Place::default(),
+            faults: Vec::new(),
+            withheld: None,
             warnings: Vec::new(),
         }
     }
 
     /// The image that the surface shows, where it can show one.
     pub fn visible_image(&self) -> Option<usize> {
-        self.diffuse_image.filter(|_| self.surface == Surface::Glossy && self.emission == Vec3::ZERO)
+        self.diffuse_image.filter(|_| self.shows("Kd"))
+    }
+
+    /// Whether the value of a key makes a difference to the surface.
+    pub fn shows(&self, key: &str) -> bool {
+        let emits = self.emission != Vec3::ZERO;
+        match key {
+            "Kd" => self.surface.is_diffuse() && !emits,
+            "Ks" => self.surface.is_reflector() && !emits,
+            "Ns" => self.surface == Surface::Glossy && self.specular != Vec3::ZERO && !emits,
+            "Ni" | "Tf" => matches!(self.surface, Surface::Refractive | Surface::Dielectric) && !emits,
+            _ => true,
+        }
     }
 }
 
@@ -116,6 +145,30 @@ impl Material {
 pub(super) struct ImageFile {
     pub path: PathBuf,
     pub location: Location,
+}
+
+/// Where an image lies on a surface: at texture coordinates times the scale, and then moved by the offset. Both are finite.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    pub scale: Vec2,
+    pub offset: Vec2,
+}
+
+impl Default for Place {
+    fn default() -> Self {
+        Self { scale: Vec2::ONE, offset: Vec2::ZERO }
+    }
+}
+
+impl Place {
+    pub fn is_finite(&self) -> bool {
+        self.scale.is_finite() && self.offset.is_finite()
+    }
+
+    /// The texture coordinates of the image at those of the surface.
+    pub fn of(&self, uv: Vec2) -> Vec2 {
+        uv * self.scale + self.offset
+    }
 }
 
 /// Light from infinity, as it is described.

@@ -1,22 +1,21 @@
 //! MTL: the keys of its materials, and what they say of the physics of a surface. The tables
 //! `[material.NAME]` of scene files have the same keys.
 
-use std::{
-    collections::HashMap,
-    path::{Path, PathBuf},
-};
+use std::{collections::HashMap, path::Path};
 
-use glam::Vec3;
+use glam::{Mat3, Vec2, Vec3};
 
-use super::{ImageFile, Material, index_of_image};
+use super::{Fault, ImageFile, Material, Place, index_of_image};
 use crate::scene::{
     Surface,
-    error::{Location, SceneError},
-    text::{excerpt, keyword, name, number, statements},
+    error::Location,
+    sources::{Sources, Warning},
+    text::{excerpt, file_name, keyword, name, number, statements},
 };
 
-/// The numeric keys.
-const NUMERIC_KEYS: [&str; 7] = ["Kd", "Ks", "Ke", "Tf", "Ns", "Ni", "illum"];
+/// The keys of colours and numbers.
+const KEYS: [&str; 7] = ["Kd", "Ks", "Ke", "Tf", "Ns", "Ni", "illum"];
+const KEYS_OF_COLOURS: [&str; 4] = ["Kd", "Ks", "Ke", "Tf"];
 
 /// The materials of an MTL file by name.
 pub(super) type Library = HashMap<String, Definition>;
@@ -27,8 +26,12 @@ pub(super) struct Definition {
     pub location: Location,
     /// In the order in which they are laid over a material.
     properties: Vec<Property>,
-    /// Warnings for a user whose scene uses this material, one line each.
-    warnings: Vec<String>,
+    /// For a user whose scene uses this material.
+    warnings: Vec<Warning>,
+    /// The number of the last `illum`.
+    illum: f32,
+    /// Opacity, if a file says it.
+    opacity: Option<f64>,
 }
 
 /// A property of a material and its value.
@@ -42,13 +45,34 @@ enum Property {
     Transmission(Vec3),
     Emission(Vec3),
     /// `None` takes the image away that another file gave.
-    DiffuseImage(Option<ImageFile>),
+    DiffuseImage(Option<(ImageFile, Place)>),
+    /// A key whose value cannot be used.
+    Unusable(Fault),
+    /// Glass that the file asks for and does not describe: the surface is opaque until an index is given.
+    Withheld(Surface),
+}
+
+impl Property {
+    /// The key that gives it.
+    fn key(&self) -> &'static str {
+        match self {
+            Self::Surface(_) | Self::Withheld(_) => "illum",
+            Self::Diffuse(_) => "Kd",
+            Self::Specular(_) => "Ks",
+            Self::Exponent(_) => "Ns",
+            Self::Ior(_) => "Ni",
+            Self::Transmission(_) => "Tf",
+            Self::Emission(_) => "Ke",
+            Self::DiffuseImage(_) => "map_Kd",
+            Self::Unusable(fault) => fault.key,
+        }
+    }
 }
 
 impl Definition {
     /// Nothing yet of a material that is named at `location`.
     pub fn at(location: Location) -> Self {
-        Self { location, properties: Vec::new(), warnings: Vec::new() }
+        Self { location, properties: Vec::new(), warnings: Vec::new(), illum: 2.0, opacity: None }
     }
 
     /// Adds what a numeric key says, which stands at `location`. The error says what is wrong and
@@ -74,8 +98,9 @@ impl Definition {
                 }
                 let surface = surface_of(illum);
                 if surface.is_none() {
-                    self.warn(location, format!("illum {illum} has no meaning here; 2 is taken"));
+                    self.warn("illum", location, format!("illum {illum} has no meaning here; 2 is taken"));
                 }
+                self.illum = illum;
                 Property::Surface(surface.unwrap_or(Surface::Glossy))
             }
             _ => return Err(format!("`{key}` is not a material key")),
@@ -86,11 +111,37 @@ impl Definition {
 
     /// Gives the material a diffuse image, or takes one away.
     pub fn set_diffuse_image(&mut self, image: Option<ImageFile>) {
-        self.properties.push(Property::DiffuseImage(image));
+        self.properties.push(Property::DiffuseImage(image.map(|image| (image, Place::default()))));
     }
 
-    fn warn(&mut self, location: &Location, warning: String) {
-        self.warnings.push(format!("{location}: {warning}"));
+    fn warn(&mut self, kind: &'static str, location: &Location, text: impl Into<String>) {
+        self.warnings.push(Warning { kind, location: location.clone(), text: text.into() });
+    }
+
+    /// The value of the last property of that key.
+    fn last(&self, key: &str) -> Option<&Property> {
+        self.properties.iter().rev().find(|property| property.key() == key)
+    }
+
+    /// Keeps a surface opaque that `illum` would make glass while nothing else says that it is: many programs write 4, 6, 7
+    /// or 9 for every material. Glass has an index of refraction other than 1, and no `d 1` beside `illum 4`.
+    fn doubt_glass(&mut self) {
+        let Some(Property::Surface(surface @ (Surface::Refractive | Surface::Dielectric))) = self.last("illum") else {
+            return;
+        };
+        let surface = *surface;
+        let why = match self.last("Ni") {
+            None => "no Ni",
+            Some(Property::Ior(1.0)) => "Ni 1",
+            _ if self.illum == 4.0 && self.opacity.is_some_and(|opacity| opacity >= 1.0) => "d 1",
+            _ => return,
+        };
+        let text = format!(
+            "illum {} with {why} is taken to be opaque; for glass give illum and Ni in a [material] table of a scene file",
+            self.illum
+        );
+        self.warn("glass in doubt", &self.location.clone(), text);
+        self.properties.push(Property::Withheld(surface));
     }
 
     /// Lays what is said over a material, whose image is then one of `images`.
@@ -102,16 +153,30 @@ impl Definition {
         material.location = Some(self.location.clone());
         material.warnings.extend_from_slice(&self.warnings);
         for property in &self.properties {
+            material.faults.retain(|fault| fault.key != property.key());
             match property {
-                Property::Surface(surface) => material.surface = *surface,
+                Property::Surface(surface) => {
+                    material.surface = *surface;
+                    material.withheld = None;
+                }
                 Property::Diffuse(reflectance) => material.diffuse = *reflectance,
                 Property::Specular(reflectance) => material.specular = *reflectance,
                 Property::Exponent(exponent) => material.exponent = *exponent,
-                Property::Ior(ior) => material.ior = *ior,
+                Property::Ior(ior) => {
+                    material.ior = *ior;
+                    // Now it is described.
+                    material.surface = material.withheld.take().unwrap_or(material.surface);
+                }
                 Property::Transmission(tint) => material.transmission = *tint,
                 Property::Emission(radiance) => material.emission = *radiance,
                 Property::DiffuseImage(image) => {
-                    material.diffuse_image = image.as_ref().map(|image| index_of_image(images, image));
+                    material.diffuse_image = image.as_ref().map(|(image, _)| index_of_image(images, image));
+                    material.image_place = image.as_ref().map_or(Place::default(), |(_, place)| *place);
+                }
+                Property::Unusable(fault) => material.faults.push(fault.clone()),
+                Property::Withheld(surface) => {
+                    material.surface = Surface::Glossy;
+                    material.withheld = Some(*surface);
                 }
             }
         }
@@ -156,8 +221,9 @@ fn scalar(key: &str, values: &[f64]) -> Result<f32, String> {
     }
 }
 
-/// Reads an MTL file. A name that comes twice continues the first.
-pub(super) fn read(path: &Path, text: &str) -> Result<Library, SceneError> {
+/// Reads an MTL file. A name that comes twice continues the first. What it says wrongly or for nothing stops no scene:
+/// the user of a material is told.
+pub(super) fn read(path: &Path, text: &str, sources: &mut Sources<'_>) -> Library {
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut materials = Library::new();
     let mut current: Option<&mut Definition> = None;
@@ -166,43 +232,172 @@ pub(super) fn read(path: &Path, text: &str) -> Result<Library, SceneError> {
         let (key, rest) = keyword(&statement);
         if key == "newmtl" {
             if rest.is_empty() {
-                return Err(location.refuse("newmtl has no name; give the material one"));
+                let text = "newmtl has no name".to_owned();
+                sources.note(&Warning { kind: "bare newmtl", location: location.clone(), text });
             }
             current = Some(materials.entry(name(rest)).or_insert_with(|| Definition::at(location)));
             continue;
         }
-        let is_numeric = NUMERIC_KEYS.contains(&key);
         let Some(material) = current.as_mut() else {
-            if is_numeric || key == "map_Kd" {
-                return Err(location.refuse(format!("{key} belongs to no material; put newmtl above it")));
+            if KEYS.contains(&key) || key == "map_Kd" {
+                let text = format!("{key} belongs to no material; put newmtl above it");
+                sources.note(&Warning { kind: "key of no material", location, text });
             }
             continue;
         };
-        if is_numeric {
-            let values: Result<Vec<f64>, _> = rest.split_whitespace().map(number).collect();
-            let values = values.map_err(|e| location.refuse(format!("{key}: {e}; give plain numbers")))?;
-            material.set(key, &values, &location).map_err(|problem| location.refuse(problem))?;
-        } else if key == "map_Kd" {
-            let has_options = rest.starts_with('-');
-            let file = match has_options {
-                true => rest.split_whitespace().next_back().unwrap_or(""),
-                false => rest,
-            };
-            if file.is_empty() {
-                return Err(location.refuse("map_Kd has no file name; give one"));
+        if let Some(key) = KEYS.into_iter().find(|known| *known == key) {
+            material.read(key, rest, &location);
+            continue;
+        }
+        match key {
+            "map_Kd" => material.read_image(rest, folder, location),
+            "d" | "Tr" => {
+                // Perhaps behind `-halo`.
+                let value = rest.split_whitespace().next_back().and_then(|word| number(word).ok());
+                let Some(value) = value.filter(|value| value.is_finite()) else { continue };
+                let opacity = if key == "d" { value } else { 1.0 - value };
+                if opacity < 1.0 {
+                    material.warn("opacity", &location, format!("{key} {value} is not shown: the surface is opaque"));
+                }
+                material.opacity = Some(opacity);
             }
-            if has_options {
-                material.warn(&location, "the options of map_Kd are ignored".to_owned());
+            _ if key.starts_with("map_") || ["bump", "disp", "decal", "norm", "refl"].contains(&key) => {
+                let text = format!("`{}` is ignored: map_Kd is the only image read", excerpt(key));
+                material.warn("image of another key", &location, text);
             }
-            material.set_diffuse_image(Some(ImageFile { path: folder.join(portable(file)), location }));
-        } else if key.starts_with("map_") || ["bump", "disp", "decal", "norm"].contains(&key) {
-            material.warn(&location, format!("`{}` is ignored: map_Kd is the only image read", excerpt(key)));
+            _ => {}
         }
     }
-    Ok(materials)
+    materials.values_mut().for_each(Definition::doubt_glass);
+    materials
 }
 
-/// A relative path as MTL files hold it, with either kind of slash.
-pub(super) fn portable(path: &str) -> PathBuf {
-    PathBuf::from(path.replace('\\', "/"))
+impl Definition {
+    /// Reads what an MTL file says of a key.
+    fn read(&mut self, key: &'static str, text: &str, location: &Location) {
+        let values = match KEYS_OF_COLOURS.contains(&key) {
+            true => self.read_colour(key, text, location),
+            false => self.read_numbers(key, text, location, 1),
+        };
+        let problem = match values {
+            Ok(Some(values)) => match self.set(key, &values, location) {
+                Ok(()) => return,
+                Err(problem) => problem,
+            },
+            Ok(None) => return,
+            Err(problem) => problem,
+        };
+        self.properties.push(Property::Unusable(Fault { key, location: location.clone(), problem }));
+    }
+
+    /// Numbers; of more than `most` the first ones.
+    fn read_numbers(
+        &mut self,
+        key: &str,
+        text: &str,
+        location: &Location,
+        most: usize,
+    ) -> Result<Option<Vec<f64>>, String> {
+        let values: Result<Vec<f64>, String> = text.split_whitespace().map(number).collect();
+        let mut values = values.map_err(|error| format!("{key}: {error}; give plain numbers"))?;
+        if values.len() > most {
+            let text = format!("{key} has {} numbers, of which {most} count", values.len());
+            self.warn("too many numbers", location, text);
+            values.truncate(most);
+        }
+        Ok(Some(values))
+    }
+
+    /// A colour in any of the ways of MTL: red, green and blue, of which the last may be left out; CIE XYZ; or the name of a
+    /// file of a spectrum, which is left out.
+    fn read_colour(&mut self, key: &str, text: &str, location: &Location) -> Result<Option<Vec<f64>>, String> {
+        match keyword(text) {
+            ("spectral", _) => {
+                self.warn("spectrum", location, format!("{key}: spectra are not read; the colour stays as it was"));
+                Ok(None)
+            }
+            ("xyz", rest) => {
+                let values = self.read_numbers(key, rest, location, 3)?.unwrap_or_default();
+                // Those that are left out are as the first.
+                let at = |place: usize| values.get(place).or(values.first()).map_or(f32::NAN, |value| *value as f32);
+                let rgb = XYZ_TO_RGB * Vec3::from(std::array::from_fn(at));
+                Ok(Some(rgb.max(Vec3::ZERO).to_array().map(f64::from).to_vec()))
+            }
+            _ => {
+                let mut values = self.read_numbers(key, text, location, 3)?.unwrap_or_default();
+                if let [_, green] = values[..] {
+                    self.warn("two numbers", location, format!("{key} has two numbers; blue is taken to be as green"));
+                    values.push(green);
+                }
+                Ok(Some(values))
+            }
+        }
+    }
+
+    /// Reads `map_Kd`: options, and the name of a file, which may have blanks in it.
+    fn read_image(&mut self, text: &str, folder: &Path, location: Location) {
+        let mut rest = text;
+        let mut place = Place::default();
+        while let Some((option, least, most)) = OPTIONS.into_iter().find(|(option, ..)| keyword(rest).0 == *option) {
+            rest = keyword(rest).1;
+            let mut values = Vec::new();
+            for _ in 0..most {
+                let (word, after) = keyword(rest);
+                let value = number(word);
+                // What may be left out ends at the first word that is no number.
+                if after.is_empty() || (values.len() >= least && value.is_err()) {
+                    break;
+                }
+                values.push(value.unwrap_or(f64::NAN) as f32);
+                rest = after;
+            }
+            // Those that are left out are as before.
+            let at = |place: usize, otherwise: f32| values.get(place).copied().unwrap_or(otherwise);
+            match option {
+                "-s" => place.scale = Vec2::new(at(0, 1.0), at(1, 1.0)),
+                "-o" => place.offset = Vec2::new(at(0, 0.0), at(1, 0.0)),
+                _ => self.warn("option of map_Kd", &location, format!("the option {option} of map_Kd is ignored")),
+            }
+        }
+        if rest.is_empty() {
+            self.warn("image without name", &location, "map_Kd has no file name; Kd is shown");
+            return;
+        }
+        if !place.is_finite() {
+            self.warn("option of map_Kd", &location, "-s or -o of map_Kd is not finite and is ignored");
+            place = Place::default();
+        }
+        let image = ImageFile { path: folder.join(file_name(rest)), location };
+        self.properties.push(Property::DiffuseImage(Some((image, place))));
+    }
 }
+
+/// Rec. 709 primaries of CIE XYZ (IEC 61966-2-1), by columns.
+const XYZ_TO_RGB: Mat3 = Mat3::from_cols_array(&[
+    3.240_97,
+    -0.969_243_6,
+    0.055_630_1,
+    -1.537_383_2,
+    1.875_967_5,
+    -0.203_977,
+    -0.498_610_8,
+    0.041_555_1,
+    1.056_971_5,
+]);
+
+/// The options of images, and how many numbers or words each has: at least, and at most.
+const OPTIONS: [(&str, usize, usize); 13] = [
+    ("-s", 1, 3),
+    ("-o", 1, 3),
+    ("-t", 1, 3),
+    ("-mm", 2, 2),
+    ("-clamp", 1, 1),
+    ("-blendu", 1, 1),
+    ("-blendv", 1, 1),
+    ("-cc", 1, 1),
+    ("-imfchan", 1, 1),
+    ("-texres", 1, 1),
+    ("-bm", 1, 1),
+    ("-boost", 1, 1),
+    ("-colorspace", 1, 1),
+];

@@ -1,22 +1,23 @@
 //! OBJ: text to an indexed mesh, with the materials of its MTL libraries.
 
 use std::{
-    collections::HashMap,
+    collections::{HashMap, HashSet},
     path::{Path, PathBuf},
     rc::Rc,
 };
 
-use glam::{DVec3, Vec2};
+use earcut::Earcut;
+use glam::{DVec2, DVec3, Vec2};
 
 use super::{
     Import, Material, Mesh,
-    mtl::{self, Library, portable},
+    mtl::{self, Library},
 };
 use crate::scene::{
     NONE, Triangle,
     error::{Location, SceneError},
-    sources::Sources,
-    text::{excerpt, keyword, name, number, one_line, statements},
+    sources::{Sources, Warning},
+    text::{decode, excerpt, file_name, foreign, keyword, name, number, statements},
 };
 
 /// The material name of faces before any `usemtl`.
@@ -39,19 +40,23 @@ impl Importer {
         import: &mut Import,
     ) -> Result<usize, SceneError> {
         let bytes = sources.require(path, named_at)?;
-        let text = String::from_utf8_lossy(&bytes);
         let refuse = |(line, problem)| Location::line(path, line).refuse(problem);
         let location = Location::file(path);
-        let vertices = read_vertices(&text).map_err(refuse)?;
+        if let Some(what) = foreign(&bytes) {
+            return Err(location.refuse(format!("not an OBJ file but {what}")));
+        }
+        let text = decode(&bytes);
+        let mut notes = Notes { path, sources };
+        let vertices = read_vertices(&text, &mut notes).map_err(refuse)?;
         if vertices.counts().iter().any(|&count| count >= NONE as usize) {
             return Err(location.refuse("more vertices than 32-bit indices reach; split the mesh"));
         }
-        let faces = read_faces(&text, vertices.counts(), import.materials.len()).map_err(refuse)?;
+        let faces = read_faces(&text, &vertices, import.materials.len(), &mut notes).map_err(refuse)?;
         if faces.triangles.is_empty() {
             return Err(location.refuse("no faces; export the mesh with its polygons"));
         }
         self.add_materials(path, &faces, sources, import)?;
-        let Vertices { positions, uvs, normals } = vertices;
+        let Vertices { positions, uvs, normals, .. } = vertices;
         import.meshes.push(Mesh { location, positions, normals, uvs, triangles: faces.triangles });
         Ok(import.meshes.len() - 1)
     }
@@ -80,12 +85,10 @@ impl Importer {
             match libraries.iter().rev().find_map(|library| library.get(name)) {
                 Some(definition) => definition.apply(&mut material, &mut import.images),
                 // Where an MTL file is missing, one warning is enough for all its materials.
-                None if !lacks_library && name != UNNAMED => {
+                None if !lacks_library && name != UNNAMED && !name.is_empty() => {
                     let location = Location { path: path.to_path_buf(), line: *line };
-                    let name = excerpt(&one_line(name));
-                    material
-                        .warnings
-                        .push(format!("{location}: no material `{name}` in any MTL file; the default one is taken"));
+                    let text = format!("no material `{}` in any MTL file; the default one is taken", excerpt(name));
+                    material.warnings.push(Warning { kind: "no such material", location, text });
                 }
                 None => {}
             }
@@ -106,7 +109,14 @@ impl Importer {
             return Ok(library.clone());
         }
         let library = match sources.require(path, named_at) {
-            Ok(bytes) => Some(Rc::new(mtl::read(path, &String::from_utf8_lossy(&bytes))?)),
+            Ok(bytes) => match foreign(&bytes) {
+                None => Some(Rc::new(mtl::read(path, &decode(&bytes), sources))),
+                Some(what) => {
+                    let location = Location::file(path);
+                    sources.warn(format!("{location}: not an MTL file but {what}; default materials are taken"));
+                    None
+                }
+            },
             Err(error) => {
                 sources.warn(format!("{error}; default materials are taken"));
                 None
@@ -120,11 +130,23 @@ impl Importer {
 /// The files of an `mtllib` line: one name with blanks where such a file exists, else several.
 fn library_paths(obj: &Path, names: &str, sources: &Sources) -> Vec<PathBuf> {
     let folder = obj.parent().unwrap_or(Path::new(""));
-    let whole = folder.join(portable(names));
+    let whole = folder.join(file_name(names));
     if sources.has(&whole) {
         return vec![whole];
     }
-    names.split_whitespace().map(|word| folder.join(portable(word))).collect()
+    names.split_whitespace().map(|word| folder.join(file_name(word))).collect()
+}
+
+/// Notes what a file says that is left out.
+struct Notes<'a, 'b> {
+    path: &'a Path,
+    sources: &'a mut Sources<'b>,
+}
+
+impl Notes<'_, '_> {
+    fn note(&mut self, kind: &'static str, line: usize, text: impl Into<String>) {
+        self.sources.note(&Warning { kind, location: Location::line(self.path, line), text: text.into() });
+    }
 }
 
 /// A line and what is wrong with it.
@@ -141,6 +163,10 @@ struct Vertices {
     positions: Vec<DVec3>,
     uvs: Vec<Vec2>,
     normals: Vec<DVec3>,
+    /// Places of positions that are not finite, with their lines and what stands there. No face may have one.
+    bad_positions: HashMap<u32, Fault>,
+    /// Places of texture coordinates that are not finite, which faces are taken not to have.
+    bad_uvs: HashSet<u32>,
 }
 
 impl Vertices {
@@ -150,7 +176,7 @@ impl Vertices {
 }
 
 /// Reads all vertices, since faces may point ahead.
-fn read_vertices(text: &str) -> Result<Vertices, Fault> {
+fn read_vertices(text: &str, notes: &mut Notes<'_, '_>) -> Result<Vertices, Fault> {
     let mut vertices = Vertices::default();
     for (line, statement) in statements(text) {
         let (key, rest) = keyword(&statement);
@@ -162,17 +188,12 @@ fn read_vertices(text: &str) -> Result<Vertices, Fault> {
         };
         let mut numbers = [0.0; 3];
         let mut found = 0;
-        for (slot, word) in numbers[..needed].iter_mut().zip(rest.split_whitespace()) {
+        let mut words = rest.split_whitespace();
+        for (slot, word) in numbers[..needed].iter_mut().zip(words.by_ref()) {
             *slot = number(word).map_err(|e| (line, format!("{e}; correct the {}", KINDS[kind])))?;
-            // A normal that is not finite only makes its triangles flat.
-            let usable = match kind {
-                0 => slot.is_finite(),
-                1 => (*slot as f32).is_finite(),
-                _ => true,
-            };
-            if !usable {
-                let problem = format!("`{}` in a {} is not finite; correct or remove it", excerpt(word), KINDS[kind]);
-                return Err((line, problem));
+            if kind == 0 && !slot.is_finite() {
+                let problem = format!("`{}` in a vertex is not finite; correct or remove it", excerpt(word));
+                vertices.bad_positions.insert(vertices.positions.len() as u32, (line, problem));
             }
             found += 1;
         }
@@ -181,10 +202,22 @@ fn read_vertices(text: &str) -> Result<Vertices, Fault> {
             let problem = format!("a {} needs {needed} numbers and has {found}; complete the line", KINDS[kind]);
             return Err((line, problem));
         }
+        if kind == 0 && words.nth(2).is_some() {
+            notes.note("vertex colours", line, "colours of vertices are not shown; give a Kd or a map_Kd");
+        }
         let [x, y, z] = numbers;
         match kind {
-            0 => vertices.positions.push(DVec3::new(x, y, z)),
-            1 => vertices.uvs.push(Vec2::new(x as f32, y as f32)),
+            // What is not finite has a finite stand-in, so that bounds and transforms may take all.
+            0 if DVec3::from(numbers).is_finite() => vertices.positions.push(DVec3::new(x, y, z)),
+            0 => vertices.positions.push(DVec3::ZERO),
+            1 => {
+                let uv = Vec2::new(x as f32, y as f32);
+                if !uv.is_finite() {
+                    vertices.bad_uvs.insert(vertices.uvs.len() as u32);
+                }
+                vertices.uvs.push(if uv.is_finite() { uv } else { Vec2::ZERO });
+            }
+            // One that is not finite only makes its triangles flat.
             _ => vertices.normals.push(DVec3::new(x, y, z)),
         }
     }
@@ -202,16 +235,23 @@ struct Faces {
     triangles: Vec<Triangle>,
 }
 
-/// Reads faces as fans of triangles. Indices may point ahead: `totals` is what the whole file
-/// holds. Materials are counted from `first_material`.
-fn read_faces(text: &str, totals: Counts, first_material: usize) -> Result<Faces, Fault> {
+/// Reads faces as triangles. Indices may point ahead: `vertices` are those of the whole file. Materials are counted from
+/// `first_material`.
+fn read_faces(
+    text: &str,
+    vertices: &Vertices,
+    first_material: usize,
+    notes: &mut Notes<'_, '_>,
+) -> Result<Faces, Fault> {
     let mut faces = Faces::default();
     let mut material_indices: HashMap<String, u32> = HashMap::new();
     let mut usemtl = (UNNAMED.to_owned(), None);
     // The index of the material of `usemtl`, once a face uses it.
     let mut current_material = None;
+    let totals = vertices.counts();
     let mut so_far = [0; 3];
     let mut corners: Vec<[u32; 3]> = Vec::new();
+    let mut polygons = Polygons::default();
     for (line, statement) in statements(text) {
         let (key, rest) = keyword(&statement);
         match key {
@@ -219,24 +259,37 @@ fn read_faces(text: &str, totals: Counts, first_material: usize) -> Result<Faces
             "vt" => so_far[1] += 1,
             "vn" => so_far[2] += 1,
             "mtllib" if rest.is_empty() => {
-                return Err((line, "mtllib names no file; give one or remove the line".into()));
+                notes.note("bare mtllib", line, "mtllib names no file");
             }
             "mtllib" => faces.libraries.push((line, rest.to_owned())),
-            "usemtl" if rest.is_empty() => {
-                return Err((line, "usemtl names no material; give one".into()));
-            }
             "usemtl" => {
+                if rest.is_empty() {
+                    notes.note("bare usemtl", line, "usemtl names no material; the default one is taken");
+                }
                 usemtl = (name(rest), Some(line));
                 current_material = None;
             }
             "f" => {
                 corners.clear();
                 for word in rest.split_whitespace() {
-                    corners.push(corner(word, so_far, totals).map_err(|problem| (line, problem))?);
+                    let mut indices = corner(word, so_far, totals, |problem| {
+                        notes.note("index out of range", line, problem);
+                    })
+                    .map_err(|problem| (line, problem))?;
+                    if let Some((line, problem)) = vertices.bad_positions.get(&indices[0]) {
+                        return Err((*line, problem.clone()));
+                    }
+                    if vertices.bad_uvs.contains(&indices[1]) {
+                        let text = "a texture coordinate that is not finite; the face is taken to have none";
+                        notes.note("texture coordinate", line, text);
+                        indices[1] = NONE;
+                    }
+                    corners.push(indices);
                 }
                 if corners.len() < 3 {
-                    let problem = format!("a face with {} corners; give 3 or more", corners.len());
-                    return Err((line, problem));
+                    let text = format!("a face with {} corners is left out; give 3 or more", corners.len());
+                    notes.note("short face", line, text);
+                    continue;
                 }
                 let material = *current_material.get_or_insert_with(|| {
                     *material_indices.entry(usemtl.0.clone()).or_insert_with(|| {
@@ -244,7 +297,7 @@ fn read_faces(text: &str, totals: Counts, first_material: usize) -> Result<Faces
                         (first_material + faces.materials.len() - 1) as u32
                     })
                 });
-                add_fan(&corners, material, &mut faces.triangles);
+                polygons.add(&corners, &vertices.positions, material, &mut faces.triangles);
             }
             _ => {}
         }
@@ -252,9 +305,9 @@ fn read_faces(text: &str, totals: Counts, first_material: usize) -> Result<Faces
     Ok(faces)
 }
 
-/// One corner `v`, `v/vt`, `v//vn` or `v/vt/vn`, as indices counted from 0; [`NONE`] where there is
-/// none.
-fn corner(word: &str, so_far: Counts, totals: Counts) -> Result<[u32; 3], String> {
+/// One corner `v`, `v/vt`, `v//vn` or `v/vt/vn`, as indices counted from 0; [`NONE`] where there is none. A texture
+/// coordinate or normal that there is not counts as none, and is told to `note`.
+fn corner(word: &str, so_far: Counts, totals: Counts, mut note: impl FnMut(String)) -> Result<[u32; 3], String> {
     let mut indices = [NONE; 3];
     for (kind, field) in word.split('/').enumerate() {
         if kind >= 3 {
@@ -269,22 +322,20 @@ fn corner(word: &str, so_far: Counts, totals: Counts) -> Result<[u32; 3], String
             let field = excerpt(field);
             format!("`{field}` is not a {what} index; give a whole number")
         })?;
-        indices[kind] = match index {
-            0 => return Err(format!("{what} index 0; OBJ counts from 1")),
-            1.. if index as u64 <= totals[kind] as u64 => (index - 1) as u32,
-            1.. => {
-                let total = totals[kind];
-                return Err(format!("{what} index {index} is out of range; the file has {total}"));
-            }
-            _ => {
-                let above = so_far[kind];
-                let back = index.unsigned_abs();
-                if back > above as u64 {
-                    return Err(format!("{what} index {index} is out of range; only {above} stand above it"));
-                }
-                (above as u64 - back) as u32
-            }
+        let found = match index {
+            0 => Err(format!("{what} index 0; OBJ counts from 1")),
+            1.. if index as u64 <= totals[kind] as u64 => Ok((index - 1) as u32),
+            1.. => Err(format!("{what} index {index} is out of range; the file has {}", totals[kind])),
+            _ => match (so_far[kind] as u64).checked_sub(index.unsigned_abs()) {
+                Some(place) => Ok(place as u32),
+                None => Err(format!("{what} index {index} is out of range; only {} stand above it", so_far[kind])),
+            },
         };
+        match found {
+            Ok(index) => indices[kind] = index,
+            Err(problem) if kind == 0 => return Err(problem),
+            Err(problem) => note(format!("{problem}; the face is taken to have no {what}s")),
+        }
     }
     match indices[0] {
         NONE => Err(format!("corner `{}` has no vertex; give its index", excerpt(word))),
@@ -292,13 +343,54 @@ fn corner(word: &str, so_far: Counts, totals: Counts) -> Result<[u32; 3], String
     }
 }
 
-/// Adds a polygon as triangles that share its first corner. Normals and texture coordinates count
-/// where all corners of the polygon have them.
-fn add_fan(corners: &[[u32; 3]], material: u32, triangles: &mut Vec<Triangle>) {
-    let all_have = [0, 1, 2].map(|kind| corners.iter().all(|corner| corner[kind] != NONE));
-    for i in 2..corners.len() {
-        let fan = [corners[0], corners[i - 1], corners[i]];
-        let indices = |kind: usize| if all_have[kind] { fan.map(|corner| corner[kind]) } else { [NONE; 3] };
-        triangles.push(Triangle { positions: indices(0), uvs: indices(1), normals: indices(2), material });
+/// Cuts polygons into triangles.
+#[derive(Default)]
+struct Polygons {
+    outline: Vec<DVec2>,
+    earcut: Earcut<f64>,
+    ears: Vec<u32>,
+}
+
+impl Polygons {
+    /// Adds a polygon: as triangles that share its first corner where these cover it, else by clipping ears of its
+    /// projection along its normal. Normals and texture coordinates count where all corners of the polygon have them.
+    fn add(&mut self, corners: &[[u32; 3]], positions: &[DVec3], material: u32, triangles: &mut Vec<Triangle>) {
+        let all_have = [0, 1, 2].map(|kind| corners.iter().all(|corner| corner[kind] != NONE));
+        let mut push = |places: [usize; 3]| {
+            let triangle = places.map(|place| corners[place]);
+            let indices = |kind: usize| if all_have[kind] { triangle.map(|corner| corner[kind]) } else { [NONE; 3] };
+            triangles.push(Triangle { positions: indices(0), uvs: indices(1), normals: indices(2), material });
+        };
+        let fan = (2..corners.len()).map(|i| [0, i - 1, i]);
+        if corners.len() == 3 {
+            return push([0, 1, 2]);
+        }
+        let twice_area = project(corners.iter().map(|corner| positions[corner[0] as usize]), &mut self.outline);
+        let outline = &self.outline;
+        let area = |[a, b, c]: [usize; 3]| (outline[b] - outline[a]).perp_dot(outline[c] - outline[a]);
+        // What lies on a line is rounded.
+        if fan.clone().all(|triangle| area(triangle) >= -1e-9 * twice_area) {
+            return fan.for_each(push);
+        }
+        self.earcut.earcut(outline.iter().map(|point| point.to_array()), &[], &mut self.ears);
+        if self.ears.is_empty() {
+            return fan.for_each(push);
+        }
+        for ear in self.ears.chunks_exact(3) {
+            let [a, b, c] = [ear[0], ear[1], ear[2]].map(|place| place as usize);
+            push(if area([a, b, c]) < 0.0 { [a, c, b] } else { [a, b, c] });
+        }
     }
+}
+
+/// The outline of a polygon seen along its normal, so that it runs counter-clockwise, and twice its area. (Newell's normal:
+/// Sutherland, Sproull and Schumacker 1974)
+fn project(corners: impl Iterator<Item = DVec3> + Clone, outline: &mut Vec<DVec2>) -> f64 {
+    let first = corners.clone().next().unwrap_or_default();
+    let next = corners.clone().skip(1).chain([first]);
+    let normal: DVec3 = corners.clone().zip(next).map(|(a, b)| (a - first).cross(b - first)).sum();
+    let across = normal.try_normalize().unwrap_or(DVec3::Z).any_orthonormal_pair();
+    outline.clear();
+    outline.extend(corners.map(|point| DVec2::new((point - first).dot(across.0), (point - first).dot(across.1))));
+    normal.length()
 }
