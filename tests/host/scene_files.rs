@@ -849,6 +849,7 @@ fn what_a_scene_can_be_shown_without_is_told_once_a_kind() {
         ("f 1/1 2/2 3/3\nf 1 2 3\n", 5, "texture coordinate index 1 is out of range"),
         ("vn 0 0 1\nf 1//0 2//1 3//1\nf 1//9 2//1 3//1\n", 6, "normal index 0; OBJ counts from 1"),
         ("vt nan 0\nvt 1.#IND 0\nf 1/1 2/2 3/1\n", 7, "a texture coordinate that is not finite"),
+        ("vn 0 0 -nan(ind)\nf 1//1 2//1 3//1\n", 6, "a normal that is not finite"),
         ("f 1 2\nf\nf 3\n", 5, "a face with 2 corners is left out"),
         ("v 0 0 0 1 0 0\nv 0 0 0 1 0 0\n", 5, "colours of vertices are not shown"),
     ] {

@@ -32,6 +32,8 @@ pub struct Table {
     buffers: BTreeSet<String>,
     /// An initialiser for each layout that they declare.
     structs: BTreeSet<String>,
+    /// Files of deflated words: each is in the program once, however many variants it is of.
+    modules: Vec<PathBuf>,
 }
 
 impl Table {
@@ -40,9 +42,13 @@ impl Table {
         writeln!(self.entries, "    Kernel {{ name: {kernel:?}, variants: &[").expect("strings grow");
         for (file, reflection) in variants {
             let bindings: Vec<String> = reflection.bindings.iter().map(binding).collect();
+            let module = self.modules.iter().position(|known| known == file).unwrap_or_else(|| {
+                self.modules.push(file.clone());
+                self.modules.len() - 1
+            });
             writeln!(
                 self.entries,
-                "        Variant {{ deflated: include_bytes!({file:?}), bindings: &[{}], push_constant_size: {} }},",
+                "        Variant {{ deflated: MODULE_{module}, bindings: &[{}], push_constant_size: {} }},",
                 bindings.join(", "),
                 reflection.push_constant_size
             )
@@ -58,7 +64,11 @@ impl Table {
     /// each buffer as an item of its own, so that a misspelt one does not compile.
     pub fn kernels(&self, name: &str) -> String {
         let allow = "#[allow(dead_code, reason = \"not every kernel and buffer is named\")]";
-        let mut text = format!("/// Every kernel, sorted by name.\npub static {name}: &[Kernel] = &[\n");
+        let mut text = String::new();
+        for (index, file) in self.modules.iter().enumerate() {
+            writeln!(text, "static MODULE_{index}: &[u8] = include_bytes!({file:?});").expect("strings grow");
+        }
+        write!(text, "/// Every kernel, sorted by name.\npub static {name}: &[Kernel] = &[\n").expect("strings grow");
         text += &self.entries;
         write!(text, "];\n/// Every kernel by name.\n{allow}\npub mod kernels {{\n    use super::Kernel;\n")
             .expect("strings grow");
@@ -127,10 +137,11 @@ mod tests {
         let mut table = Table::default();
         let built = (PathBuf::from("shade.zlib"), reflection);
         table.add("shade", &[built.clone(), built]);
-        let variant = r#"        Variant { deflated: include_bytes!("shade.zlib"), bindings: &[Binding { name: "hits", set: 1, binding: 2, kind: BindingKind::StorageBuffer, reads: true, writes: false }], push_constant_size: 8 },
+        let variant = r#"        Variant { deflated: MODULE_0, bindings: &[Binding { name: "hits", set: 1, binding: 2, kind: BindingKind::StorageBuffer, reads: true, writes: false }], push_constant_size: 8 },
 "#;
         let text = table.kernels("KERNELS");
         assert!(text.contains(&format!("    Kernel {{ name: \"shade\", variants: &[\n{variant}{variant}    ] }},\n")));
+        assert_eq!(text.matches("static MODULE_0: &[u8] = include_bytes!(\"shade.zlib\");").count(), 1);
         assert!(text.contains("pub const SHADE: &Kernel = &super::KERNELS[0];"));
         assert!(text.contains("pub const HITS: &str = \"hits\";"));
         let control = r#"StructLayout { name: "Control", members: &[Member { name: "count", offset: 4, size: 12, array_stride: 0 }] }"#;

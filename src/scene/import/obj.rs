@@ -167,6 +167,8 @@ struct Vertices {
     bad_positions: HashMap<u32, Fault>,
     /// Places of texture coordinates that are not finite, which faces are taken not to have.
     bad_uvs: HashSet<u32>,
+    /// The same of normals.
+    bad_normals: HashSet<u32>,
 }
 
 impl Vertices {
@@ -217,8 +219,13 @@ fn read_vertices(text: &str, notes: &mut Notes<'_, '_>) -> Result<Vertices, Faul
                 }
                 vertices.uvs.push(if uv.is_finite() { uv } else { Vec2::ZERO });
             }
-            // One that is not finite only makes its triangles flat.
-            _ => vertices.normals.push(DVec3::new(x, y, z)),
+            _ => {
+                let normal = DVec3::new(x, y, z);
+                if !normal.is_finite() {
+                    vertices.bad_normals.insert(vertices.normals.len() as u32);
+                }
+                vertices.normals.push(if normal.is_finite() { normal } else { DVec3::ZERO });
+            }
         }
     }
     Ok(vertices)
@@ -283,6 +290,10 @@ fn read_faces(
                         let text = "a texture coordinate that is not finite; the face is taken to have none";
                         notes.note("texture coordinate", line, text);
                         indices[1] = NONE;
+                    }
+                    if vertices.bad_normals.contains(&indices[2]) {
+                        notes.note("normal", line, "a normal that is not finite; the face is taken to have none");
+                        indices[2] = NONE;
                     }
                     corners.push(indices);
                 }
