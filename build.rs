@@ -16,7 +16,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::{env, fs, process, thread};
 
 use raywave_shaders::{
-    Access, Arithmetic, Edition, Form, Forms, Library, Reflection, Table, checks, deflate, lower, passes, variants,
+    Access, Arithmetic, BuiltModule, Edition, Form, Forms, Library, Reflection, Table, checks, deflate, lower, passes,
+    variants,
 };
 use rspirv::binary::Assemble;
 use rspirv::dr::Module;
@@ -126,14 +127,13 @@ fn table(folder: &str, editions: &[Edition], portable: Option<&Library>, texts: 
     if errors.is_empty() { Ok(table) } else { Err(errors) }
 }
 
-/// The variants of a kernel: the file of each one's deflated words, and what was read from it. They fail alike, so the first
-/// error is enough.
+/// The variants of a kernel. They fail alike, so the first error is enough.
 fn compile_variants(
     (_, path, form): &Source,
     editions: &[Edition],
     portable: Option<&Library>,
     texts: &Texts,
-) -> Result<Vec<(PathBuf, Reflection)>, String> {
+) -> Result<Vec<BuiltModule>, String> {
     let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
     let source = fs::read_to_string(path).expect("a listed shader can be read");
     let variant = |(edition, access): (Edition, Access)| {
@@ -155,16 +155,16 @@ fn compile_variants(
             if !has_source() {
                 module.debug_names.clear();
             }
-            let deflated = file.with_extension("zlib");
-            fs::write(&deflated, deflate(&module.assemble())).expect("OUT_DIR can be written");
-            Ok((deflated, reflection))
+            let (file, bytes) = (file.with_extension("zlib"), deflate(&module.assemble()));
+            fs::write(&file, &bytes).expect("OUT_DIR can be written");
+            Ok(BuiltModule { file, size: bytes.len(), reflection })
         })
     };
     variants(editions).map(variant).collect()
 }
 
-/// A module: the file of its deflated words, and what was read from it; or why it does not compile.
-type Built = Result<(PathBuf, Reflection), String>;
+/// A module, or why it does not compile.
+type Built = Result<BuiltModule, String>;
 
 /// The module of each preprocessed text: variants and forms that read alike are one.
 struct Texts {

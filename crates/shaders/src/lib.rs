@@ -28,5 +28,5 @@ pub use kernel::{Binding, BindingKind, Kernel, Member, StructLayout, Variant};
 pub use link::Library;
 pub use reflection::{Layout, Reflection};
 pub use specialize::{Build, Promises, Reconvergence, Specialized};
-pub use table::{Table, deflate};
+pub use table::{BuiltModule, Table, deflate};
 pub use variant::{Access, Edition, variants};

@@ -20,6 +20,17 @@ pub fn deflate(words: &[u32]) -> Vec<u8> {
     encoder.finish().expect("memory takes all")
 }
 
+/// SPIR-V on its way into Rust text.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BuiltModule {
+    /// The file of its deflated words.
+    pub file: PathBuf,
+    /// Bytes of that file.
+    pub size: usize,
+    /// What was read from it.
+    pub reflection: Reflection,
+}
+
 /// Kernels on their way into Rust text. The text names [`Kernel`](crate::Kernel) and what it is made of, which must be
 /// in scope where it is included.
 #[derive(Debug, Default)]
@@ -32,23 +43,25 @@ pub struct Table {
     buffers: BTreeSet<String>,
     /// An initialiser for each layout that they declare.
     structs: BTreeSet<String>,
-    /// Files of deflated words: each is in the program once, however many variants it is of.
-    modules: Vec<PathBuf>,
+    /// Each is in the program once, however many variants it is of: as a static with a name, for what has none is copied to
+    /// each unit of code that refers to it.
+    modules: Vec<BuiltModule>,
 }
 
 impl Table {
-    /// Adds a kernel: for each of its variants the file of its deflated words, and what was read from it.
-    pub fn add(&mut self, kernel: &str, variants: &[(PathBuf, Reflection)]) {
+    /// Adds a kernel in all of its variants.
+    pub fn add(&mut self, kernel: &str, variants: &[BuiltModule]) {
         writeln!(self.entries, "    Kernel {{ name: {kernel:?}, variants: &[").expect("strings grow");
-        for (file, reflection) in variants {
+        for built in variants {
+            let reflection = &built.reflection;
             let bindings: Vec<String> = reflection.bindings.iter().map(binding).collect();
-            let module = self.modules.iter().position(|known| known == file).unwrap_or_else(|| {
-                self.modules.push(file.clone());
+            let module = self.modules.iter().position(|known| known.file == built.file).unwrap_or_else(|| {
+                self.modules.push(built.clone());
                 self.modules.len() - 1
             });
             writeln!(
                 self.entries,
-                "        Variant {{ deflated: MODULE_{module}, bindings: &[{}], push_constant_size: {} }},",
+                "        Variant {{ deflated: &MODULE_{module}, bindings: &[{}], push_constant_size: {} }},",
                 bindings.join(", "),
                 reflection.push_constant_size
             )
@@ -65,8 +78,8 @@ impl Table {
     pub fn kernels(&self, name: &str) -> String {
         let allow = "#[allow(dead_code, reason = \"not every kernel and buffer is named\")]";
         let mut text = String::new();
-        for (index, file) in self.modules.iter().enumerate() {
-            writeln!(text, "static MODULE_{index}: &[u8] = include_bytes!({file:?});").expect("strings grow");
+        for (index, BuiltModule { file, size, .. }) in self.modules.iter().enumerate() {
+            writeln!(text, "static MODULE_{index}: [u8; {size}] = *include_bytes!({file:?});").expect("strings grow");
         }
         write!(text, "/// Every kernel, sorted by name.\npub static {name}: &[Kernel] = &[\n").expect("strings grow");
         text += &self.entries;
@@ -135,13 +148,13 @@ mod tests {
         let control = StructLayout { name: "Control".to_owned(), members: vec![member] };
         let reflection = Reflection { bindings: vec![hits], push_constant_size: 8, structs: vec![control] };
         let mut table = Table::default();
-        let built = (PathBuf::from("shade.zlib"), reflection);
+        let built = BuiltModule { file: PathBuf::from("shade.zlib"), size: 5, reflection };
         table.add("shade", &[built.clone(), built]);
-        let variant = r#"        Variant { deflated: MODULE_0, bindings: &[Binding { name: "hits", set: 1, binding: 2, kind: BindingKind::StorageBuffer, reads: true, writes: false }], push_constant_size: 8 },
+        let variant = r#"        Variant { deflated: &MODULE_0, bindings: &[Binding { name: "hits", set: 1, binding: 2, kind: BindingKind::StorageBuffer, reads: true, writes: false }], push_constant_size: 8 },
 "#;
         let text = table.kernels("KERNELS");
         assert!(text.contains(&format!("    Kernel {{ name: \"shade\", variants: &[\n{variant}{variant}    ] }},\n")));
-        assert_eq!(text.matches("static MODULE_0: &[u8] = include_bytes!(\"shade.zlib\");").count(), 1);
+        assert_eq!(text.matches("static MODULE_0: [u8; 5] = *include_bytes!(\"shade.zlib\");").count(), 1);
         assert!(text.contains("pub const SHADE: &Kernel = &super::KERNELS[0];"));
         assert!(text.contains("pub const HITS: &str = \"hits\";"));
         let control = r#"StructLayout { name: "Control", members: &[Member { name: "count", offset: 4, size: 12, array_stride: 0 }] }"#;
