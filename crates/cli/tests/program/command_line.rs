@@ -202,7 +202,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("render small.png -o a.png", "neither .toml nor .obj"),
     ("render folder.toml -o a.png", "folder.toml: cannot read"),
     ("render bytes.toml -o a.png", "bytes.toml:1: not UTF-8"),
-    ("render bytes.obj -o a.png", "no faces"),
+    ("render bytes.obj -o a.png", "bytes.obj: not an OBJ file but UTF-16 text"),
     ("render empty.toml -o a.png", "empty.toml: no [camera]"),
     ("render no-mesh.toml -o a.png", "no-mesh.toml: no [[mesh]]"),
     ("render vfov.toml -o a.png", "vfov.toml:4: vfov is outside (0, 180)"),
