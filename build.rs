@@ -63,7 +63,7 @@ fn main() {
     }
     let [(portable, portable_entry), (_, hostile_entry)] =
         LIBRARIES.map(|(name, path)| compile_library(name, path, &out).unwrap_or_else(|error| fail(&[error])));
-    forget_others(&out);
+    forget_other_scripts(&out);
     let texts = Texts { out: out.clone(), modules: Mutex::default() };
     let kernels = table("shaders", &Edition::ALL, Some(&portable), &texts);
     let probes = table(PROBES, &[Edition::Plain], Some(&portable), &texts);
@@ -315,7 +315,7 @@ fn keep(file: &Path, text: &str, module: &Module) {
 
 /// Forgets what is kept, unless the same build script made it with the same library: what they do to a module is no part
 /// of its text.
-fn forget_others(out: &Path) {
+fn forget_other_scripts(out: &Path) {
     let script = env::current_exe().and_then(fs::read).expect("a build script can read itself");
     let portable = fs::read(out.join("PORTABLE.spv")).expect("the library was just written");
     let mut hasher = DefaultHasher::new();

@@ -220,6 +220,11 @@ impl Surface {
     pub fn is_reflector(self) -> bool {
         matches!(self, Self::Glossy | Self::Mirror)
     }
+
+    /// Whether an index of refraction does, and a tint of what is transmitted.
+    pub fn refracts(self) -> bool {
+        matches!(self, Self::Refractive | Self::Dielectric)
+    }
 }
 
 /// A diffuse reflectance image, bilinear and repeated by its user.

@@ -134,7 +134,7 @@ impl Material {
             "Kd" => self.surface.is_diffuse() && !emits,
             "Ks" => self.surface.is_reflector() && !emits,
             "Ns" => self.surface == Surface::Glossy && self.specular != Vec3::ZERO && !emits,
-            "Ni" | "Tf" => matches!(self.surface, Surface::Refractive | Surface::Dielectric) && !emits,
+            "Ni" | "Tf" => self.surface.refracts() && !emits,
             _ => true,
         }
     }

@@ -126,10 +126,10 @@ impl Definition {
     /// Keeps a surface opaque that `illum` would make glass while nothing else says that it is: many programs write 4, 6, 7
     /// or 9 for every material. Glass has an index of refraction other than 1, and no `d 1` beside `illum 4`.
     fn doubt_glass(&mut self) {
-        let Some(Property::Surface(surface @ (Surface::Refractive | Surface::Dielectric))) = self.last("illum") else {
-            return;
+        let surface = match self.last("illum") {
+            Some(Property::Surface(surface)) if surface.refracts() => *surface,
+            _ => return,
         };
-        let surface = *surface;
         let why = match self.last("Ni") {
             None => "no Ni",
             Some(Property::Ior(1.0)) => "Ni 1",
@@ -277,7 +277,7 @@ impl Definition {
     fn read(&mut self, key: &'static str, text: &str, location: &Location) {
         let values = match KEYS_OF_COLOURS.contains(&key) {
             true => self.read_colour(key, text, location),
-            false => self.read_numbers(key, text, location, 1),
+            false => self.read_numbers(key, text, location, 1).map(Some),
         };
         let problem = match values {
             Ok(Some(values)) => match self.set(key, &values, location) {
@@ -291,13 +291,7 @@ impl Definition {
     }
 
     /// Numbers; of more than `most` the first ones.
-    fn read_numbers(
-        &mut self,
-        key: &str,
-        text: &str,
-        location: &Location,
-        most: usize,
-    ) -> Result<Option<Vec<f64>>, String> {
+    fn read_numbers(&mut self, key: &str, text: &str, location: &Location, most: usize) -> Result<Vec<f64>, String> {
         let values: Result<Vec<f64>, String> = text.split_whitespace().map(number).collect();
         let mut values = values.map_err(|error| format!("{key}: {error}; give plain numbers"))?;
         if values.len() > most {
@@ -305,7 +299,7 @@ impl Definition {
             self.warn("too many numbers", location, text);
             values.truncate(most);
         }
-        Ok(Some(values))
+        Ok(values)
     }
 
     /// A colour in any of the ways of MTL: red, green and blue, of which the last may be left out; CIE XYZ; or the name of a
@@ -317,14 +311,14 @@ impl Definition {
                 Ok(None)
             }
             ("xyz", rest) => {
-                let values = self.read_numbers(key, rest, location, 3)?.unwrap_or_default();
+                let values = self.read_numbers(key, rest, location, 3)?;
                 // Those that are left out are as the first.
                 let at = |place: usize| values.get(place).or(values.first()).map_or(f32::NAN, |value| *value as f32);
                 let rgb = XYZ_TO_RGB * Vec3::from(std::array::from_fn(at));
                 Ok(Some(rgb.max(Vec3::ZERO).to_array().map(f64::from).to_vec()))
             }
             _ => {
-                let mut values = self.read_numbers(key, text, location, 3)?.unwrap_or_default();
+                let mut values = self.read_numbers(key, text, location, 3)?;
                 if let [_, green] = values[..] {
                     self.warn("two numbers", location, format!("{key} has two numbers; blue is taken to be as green"));
                     values.push(green);

@@ -165,10 +165,8 @@ struct Vertices {
     normals: Vec<DVec3>,
     /// Places of positions that are not finite, with their lines and what stands there. No face may have one.
     bad_positions: HashMap<u32, Fault>,
-    /// Places of texture coordinates that are not finite, which faces are taken not to have.
-    bad_uvs: HashSet<u32>,
-    /// The same of normals.
-    bad_normals: HashSet<u32>,
+    /// Places of texture coordinates, and of normals, that are not finite: faces are taken not to have them.
+    bad: [HashSet<u32>; 2],
 }
 
 impl Vertices {
@@ -215,14 +213,14 @@ fn read_vertices(text: &str, notes: &mut Notes<'_, '_>) -> Result<Vertices, Faul
             1 => {
                 let uv = Vec2::new(x as f32, y as f32);
                 if !uv.is_finite() {
-                    vertices.bad_uvs.insert(vertices.uvs.len() as u32);
+                    vertices.bad[0].insert(vertices.uvs.len() as u32);
                 }
                 vertices.uvs.push(if uv.is_finite() { uv } else { Vec2::ZERO });
             }
             _ => {
                 let normal = DVec3::new(x, y, z);
                 if !normal.is_finite() {
-                    vertices.bad_normals.insert(vertices.normals.len() as u32);
+                    vertices.bad[1].insert(vertices.normals.len() as u32);
                 }
                 vertices.normals.push(if normal.is_finite() { normal } else { DVec3::ZERO });
             }
@@ -286,14 +284,16 @@ fn read_faces(
                     if let Some((line, problem)) = vertices.bad_positions.get(&indices[0]) {
                         return Err((*line, problem.clone()));
                     }
-                    if vertices.bad_uvs.contains(&indices[1]) {
-                        let text = "a texture coordinate that is not finite; the face is taken to have none";
-                        notes.note("texture coordinate", line, text);
-                        indices[1] = NONE;
-                    }
-                    if vertices.bad_normals.contains(&indices[2]) {
-                        notes.note("normal", line, "a normal that is not finite; the face is taken to have none");
-                        indices[2] = NONE;
+                    for (kind, bad) in (1..).zip(&vertices.bad) {
+                        if bad.contains(&indices[kind]) {
+                            let what = KINDS[kind];
+                            notes.note(
+                                what,
+                                line,
+                                format!("a {what} that is not finite; the face is taken to have none"),
+                            );
+                            indices[kind] = NONE;
+                        }
                     }
                     corners.push(indices);
                 }

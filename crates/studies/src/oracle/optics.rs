@@ -61,11 +61,6 @@ pub fn is_specular(material: &Material) -> bool {
     material.surface != Surface::Glossy
 }
 
-/// Whether light may go on inside, where radiance is scaled by the index.
-pub fn refracts(material: &Material) -> bool {
-    matches!(material.surface, Surface::Refractive | Surface::Dielectric)
-}
-
 /// f cos and pdf of a BSDF that is not specular, for a pair of directions.
 pub fn evaluate(material: &Material, n: DVec3, wo: DVec3, wi: DVec3) -> (DVec3, f64) {
     (glossy(material, n, wo, wi), scatter_density(material, n, wo, wi))

@@ -201,7 +201,7 @@ impl<'a> Reference<'a> {
                 throughput /= 1.0 - roulette;
             } else if bounce >= roulette_from {
                 // In glass radiance is scaled by 1 / Ni², and will be scaled back.
-                let into_glass = optics::refracts(material) && self.facets[vertex.facet].normal.dot(direction) < 0.0;
+                let into_glass = material.surface.refracts() && self.facets[vertex.facet].normal.dot(direction) < 0.0;
                 let scale = if into_glass { f64::from(vertex.material.ior).powi(2) } else { 1.0 };
                 let survival = (throughput.max_element() * scale).min(1.0 - roulette);
                 if stop >= survival {
