@@ -66,6 +66,10 @@ shared_constants! {
     TRIANGLE_TEXELS = 3;
     /// 16-byte texels of a material.
     MATERIAL_TEXELS = 4;
+    /// 16-byte texels of what else a material may have.
+    MATERIAL_DETAIL_TEXELS = 7;
+    /// 16-byte texels of a light that is no surface.
+    PUNCTUAL_LIGHT_TEXELS = 4;
 
     /// Phong BRDF: Lambert plus modified Phong lobe.
     SURFACE_PHONG = 0;
@@ -77,6 +81,49 @@ shared_constants! {
     SURFACE_DIELECTRIC = 3;
     /// Area light, which scatters nothing.
     SURFACE_EMITTER = 4;
+    /// Metal without microfacets.
+    SURFACE_SMOOTH_CONDUCTOR = 5;
+    /// Metal with microfacets.
+    SURFACE_CONDUCTOR = 6;
+    /// Dielectric with microfacets.
+    SURFACE_ROUGH_DIELECTRIC = 7;
+    /// Plate of a dielectric through which light goes straight.
+    SURFACE_THIN_DIELECTRIC = 8;
+    /// Diffuse base under a smooth coat.
+    SURFACE_PLASTIC = 9;
+    /// Diffuse base under a coat with microfacets.
+    SURFACE_ROUGH_PLASTIC = 10;
+    /// glTF's mixture of a metal and of a diffuse body under an interface, perhaps under a coat.
+    SURFACE_METAL_ROUGH = 11;
+    /// No surface.
+    SURFACE_NOTHING = 12;
+    /// One of two materials by chance.
+    SURFACE_BLEND = 13;
+    /// One material for each side.
+    SURFACE_SIDES = 14;
+    /// Rows, and columns, of a table of microfacets.
+    TABLE_SIZE = 32;
+    /// Most blends within each other, and sides.
+    MAX_BLENDS = 8;
+
+    /// Bit of a texture's lookup: the nearest texel is taken.
+    LOOKUP_NEAREST = 1;
+    /// Bit of it: the image is mirrored beyond its edges.
+    LOOKUP_MIRROR = 2;
+    /// Bit of it: its edges go on.
+    LOOKUP_CLAMP = 4;
+    /// 8-byte words of an image before its texels: its size, its lookup and where its texels begin, and the transform of
+    /// texture coordinates.
+    IMAGE_HEADER_WORDS = 5;
+
+    /// Light from a point, equally into all directions.
+    LIGHT_POINT = 0;
+    /// Light from a point into a cone, with a falloff that is linear in the angle.
+    LIGHT_SPOT = 1;
+    /// The same with one that is the square of what is linear in the cosine.
+    LIGHT_SPOT_SQUARED = 2;
+    /// Light from far away.
+    LIGHT_DIRECTIONAL = 3;
 
     /// No environment light.
     ENVIRONMENT_BLACK = 0;
@@ -172,8 +219,46 @@ specialization_constants! {
     has_refractive: bool = true;
     /// Whether some material is a Fresnel dielectric.
     has_dielectric: bool = true;
-    /// Whether some material has a texture.
+    /// Whether some material is a metal without microfacets.
+    has_smooth_conductor: bool = true;
+    /// Whether some material is a metal with microfacets.
+    has_conductor: bool = true;
+    /// Whether some material is a dielectric with microfacets.
+    has_rough_dielectric: bool = true;
+    /// Whether some material is a thin plate of a dielectric.
+    has_thin_dielectric: bool = true;
+    /// Whether some material is a diffuse base under a smooth coat.
+    has_plastic: bool = true;
+    /// Whether some material is a diffuse base under a coat with microfacets.
+    has_rough_plastic: bool = true;
+    /// Whether some material is glTF's mixture of metal and diffuse.
+    has_metal_rough: bool = true;
+    /// Whether some of those has a clear coat.
+    has_coat: bool = true;
+    /// Whether some material is no surface.
+    has_nothing: bool = true;
+    /// Whether some material is a blend, or has one for each side.
+    has_blends: bool = true;
+    /// Whether some material is turned by the direction of its texture coordinates.
+    has_anisotropy: bool = true;
+    /// Whether some material makes up for light that its microfacets scatter more than once.
+    has_compensation: bool = true;
+    /// Whether some material has a texture of diffuse reflectance.
     has_textures: bool = true;
+    /// Whether some material has a texture of another parameter.
+    has_detail_textures: bool = true;
+    /// Whether some texture turns shading normals.
+    has_normal_textures: bool = true;
+    /// Whether some texture is not bilinear and repeated as it is.
+    has_lookups: bool = true;
+    /// Whether some surface both emits and scatters.
+    has_scattering_lights: bool = true;
+    /// Whether some light is no surface.
+    has_punctual_lights: bool = true;
+    /// Whether the lat-long environment is turned.
+    has_turned_environment: bool = true;
+    /// Whether the camera is orthographic.
+    has_orthographic: bool = true;
     /// Whether some triangle has shading normals.
     has_normals: bool = true;
     /// Whether the camera has a lens.

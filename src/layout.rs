@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::constants::{MATERIAL_BINS, TRACED_SAMPLES};
 
-/// What is uniform over a render. 132 bytes of a std140 block.
+/// What is uniform over a render. 176 bytes of a std140 block.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[allow(missing_docs, reason = "each field is described at its GLSL twin")]
@@ -23,6 +23,11 @@ pub struct Frame {
     pub max_bounces: u32,
     pub environment_radiance: [f32; 3],
     pub seed: u32,
+    pub environment_x: [f32; 3],
+    pub punctual_count: u32,
+    pub environment_y: [f32; 3],
+    pub punctual_probability: f32,
+    pub environment_z: [f32; 3],
     pub width: u32,
     pub height: u32,
     pub light_count: u32,
@@ -101,6 +106,80 @@ pub struct Material {
     pub tf: [f32; 3],
     /// One more than the place of the image that replaces `kd` in the texture buffer; 0 for none.
     pub map_kd: u32,
+}
+
+/// What else a material may have. 112 bytes, 7 texels.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct MaterialDetail {
+    /// Real part of a metal's index of refraction, at least 0.
+    pub eta: [f32; 3],
+    /// Width of the microfacets' distribution along the tangent.
+    pub alpha_x: f32,
+    /// Imaginary part of a metal's index of refraction, at least 0.
+    pub absorption: [f32; 3],
+    /// Width of the microfacets' distribution across the tangent.
+    pub alpha_y: f32,
+    /// Share of metal, [0, 1].
+    pub metalness: f32,
+    /// Share of the clear coat, [0, 1].
+    pub coat: f32,
+    /// Width of the distribution of the coat's microfacets.
+    pub coat_alpha: f32,
+    /// Share of the first part of a blend, [0, 1].
+    pub weight: f32,
+    /// One more than the place of the image that gives each in the texture buffer; 0 for none.
+    pub map_ks: u32,
+    /// Of `alpha_x`.
+    pub map_alpha_x: u32,
+    /// Of `alpha_y`.
+    pub map_alpha_y: u32,
+    /// Of `metalness`.
+    pub map_metalness: u32,
+    /// Of the shading normal.
+    pub map_normal: u32,
+    /// Of height over the surface.
+    pub map_height: u32,
+    /// Of `ke`.
+    pub map_ke: u32,
+    /// Of `weight`.
+    pub map_weight: u32,
+    /// Index of the first part of a blend, or of the front.
+    pub first: u32,
+    /// Index of its second part, or of the back.
+    pub second: u32,
+    /// Whether what is reflected inside a coat shifts the colour of its base: 1 or 0.
+    pub nonlinear: u32,
+    /// Share of diffuse light that the inside of a coat reflects.
+    pub inner_reflectance: f32,
+    /// Mean of the reflectance at the microfacets, weighted by the cosine.
+    pub mean_reflectance: [f32; 3],
+    /// One more than the place of the table of its microfacets in the texture buffer; 0 for none.
+    pub table: u32,
+}
+
+/// Light that is no surface, a cell of an alias table. 64 bytes, 4 texels.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct PunctualLight {
+    /// Position; means nothing of a directional light.
+    pub position: [f32; 3],
+    /// One of `LIGHT_*`.
+    pub kind: u32,
+    /// Where the light goes, unit; means nothing of a point.
+    pub direction: [f32; 3],
+    /// Probability that light sampling of these lights picks the cell itself and not its alias.
+    pub threshold: f32,
+    /// Power per solid angle, or irradiance, over the probability of its pick.
+    pub emission: [f32; 3],
+    /// The light that the cell stands for otherwise.
+    pub alias: u32,
+    /// Of a spot: the angle from its axis, or the cosine, up to which its intensity is whole.
+    pub full_from: f32,
+    /// And from which it is 0.
+    pub none_from: f32,
+    /// Not used.
+    pub unused: [u32; 2],
 }
 
 /// Emissive triangle, a cell of the alias table. 16 bytes, 1 texel.

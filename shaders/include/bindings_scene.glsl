@@ -18,6 +18,11 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     uint max_bounces;           // or UNBOUNDED
     vec3 environment_radiance;  // of a constant environment
     uint seed;
+    vec3 environment_x;         // axes of the lat-long image in the world, unit
+    uint punctual_count;        // lights that are no surfaces
+    vec3 environment_y;
+    float punctual_probability; // with which a light sample goes to them
+    vec3 environment_z;
     uint width;                 // pixels
     uint height;
     uint light_count;
@@ -48,8 +53,10 @@ SCENE_BUFFER(3, materials, uvec4, xyzw)            // MATERIAL_TEXELS a material
 SCENE_BUFFER(4, lights, uvec4, xyzw)               // triangle, alias threshold, alias, unused
 SCENE_BUFFER(5, normals, uvec4, xyzw)              // three octahedral normals, 1 if there are any
 SCENE_BUFFER(6, texture_coordinates, uvec2, xy)    // three a triangle
-SCENE_BUFFER(7, textures, uvec2, xy)               // size, then linear RGB as halves, per image
+SCENE_BUFFER(7, textures, uvec2, xy)               // per image its header, then linear RGB as halves; tables
 SCENE_BUFFER(8, environment, uvec4, xyzw)          // radiance, probability of the texel
 SCENE_BUFFER(9, environment_splits, uvec4, xyzw)   // probability of a block's upper half; of the left in each half; unused
+SCENE_BUFFER(10, material_details, uvec4, xyzw)    // MATERIAL_DETAIL_TEXELS a material, if some have details
+SCENE_BUFFER(11, punctual_lights, uvec4, xyzw)     // PUNCTUAL_LIGHT_TEXELS a light
 
 #endif

@@ -1,8 +1,8 @@
 //! Scenes that are built in memory.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
-use super::{Camera, Environment, Material, Mesh, NONE, Scene, Surface, Triangle};
+use super::{Camera, Environment, Light, Material, Mesh, NONE, Parameter, Scene, Surface, Triangle};
 use crate::settings::Settings;
 
 /// A scene in the making. Fronts are where corners run counter-clockwise.
@@ -29,13 +29,14 @@ pub struct SceneBuilder {
     environment: Environment,
     materials: Vec<Material>,
     mesh: Mesh,
+    lights: Vec<Light>,
 }
 
 impl SceneBuilder {
     /// Nothing yet, seen by a camera in an image of the default size.
     pub fn new(camera: Camera) -> Self {
-        let (materials, mesh) = Default::default();
-        Self { camera, settings: Settings::default(), environment: Environment::Black, materials, mesh }
+        let (materials, mesh, lights) = Default::default();
+        Self { camera, settings: Settings::default(), environment: Environment::Black, materials, mesh, lights }
     }
 
     /// The size of the image in pixels.
@@ -50,7 +51,13 @@ impl SceneBuilder {
         self
     }
 
-    /// The material of what follows.
+    /// A light that is no surface.
+    pub fn light(mut self, light: Light) -> Self {
+        self.lights.push(light);
+        self
+    }
+
+    /// The material of what follows. One that is made of others names them by their places among all materials.
     pub fn material(mut self, material: Material) -> Self {
         self.materials.push(material);
         self
@@ -97,6 +104,7 @@ impl SceneBuilder {
             materials: self.materials,
             textures: Vec::new(),
             environment: self.environment,
+            lights: self.lights,
             warnings: Vec::new(),
         }
     }
@@ -127,7 +135,7 @@ impl SceneBuilder {
             hasher.update(bytemuck::bytes_of(&triangle.positions)).update(bytemuck::bytes_of(&triangle.normals));
             hasher.update(&triangle.material.to_le_bytes());
         }
-        hasher.update(format!("{:?}{:?}", self.camera, self.materials).as_bytes());
+        hasher.update(format!("{:?}{:?}{:?}", self.camera, self.materials, self.lights).as_bytes());
         match &self.environment {
             Environment::Black => {}
             Environment::Constant(radiance) => {
@@ -147,7 +155,7 @@ impl Camera {
     pub fn pinhole(eye: DVec3, target: DVec3, vfov: f64) -> Self {
         let along = (target - eye).normalize();
         let up = if along.y.abs() > 0.999 { DVec3::Z } else { DVec3::Y };
-        Self { eye, target, up, vfov, aperture: 0.0, focus: 1.0 }
+        Self { eye, target, up, vfov, orthographic: None, aperture: 0.0, focus: 1.0 }
     }
 }
 
@@ -163,7 +171,16 @@ impl Material {
             ior: 1.0,
             transmission: Vec3::ONE,
             emission: Vec3::ZERO,
-            diffuse_map: None,
+            is_pure_emitter: true,
+            roughness: Vec2::ZERO,
+            eta: Vec3::ZERO,
+            absorption: Vec3::ZERO,
+            metalness: 0.0,
+            coat: 0.0,
+            coat_roughness: 0.0,
+            weight: 1.0,
+            compensates: true,
+            textures: [None; Parameter::COUNT],
         }
     }
 
@@ -185,6 +202,30 @@ impl Material {
     /// A smooth body of an index of refraction, in air: Fresnel-weighted reflection and transmission.
     pub fn dielectric(ior: f32) -> Self {
         Self { surface: Surface::Dielectric, ior, ..Self::black() }
+    }
+
+    /// A metal of a complex index of refraction, with microfacets of that width (GGX's alpha).
+    pub fn conductor(eta: Vec3, absorption: Vec3, alpha: f32) -> Self {
+        let roughness = Vec2::splat(alpha);
+        Self { surface: Surface::Conductor, specular: Vec3::ONE, eta, absorption, roughness, ..Self::black() }
+    }
+
+    /// A diffuse base under a coat of an index of refraction, with microfacets of that width (GGX's alpha).
+    pub fn plastic(diffuse: Vec3, ior: f32, alpha: f32) -> Self {
+        let (surface, roughness) = (Surface::Plastic { nonlinear: false }, Vec2::splat(alpha));
+        Self { surface, diffuse, specular: Vec3::ONE, ior, roughness, ..Self::black() }
+    }
+
+    /// glTF's material: a share of metal, and the rest diffuse under a dielectric interface of index 1.5. `alpha` is the
+    /// square of glTF's roughness.
+    pub fn metal_rough(colour: Vec3, metalness: f32, alpha: f32) -> Self {
+        let (surface, roughness) = (Surface::MetalRough, Vec2::splat(alpha));
+        Self { surface, diffuse: colour, specular: Vec3::ONE, ior: 1.5, metalness, roughness, ..Self::black() }
+    }
+
+    /// The same surface with microfacets of those widths along the tangent and across it (GGX's alpha).
+    pub fn rough(self, along: f32, across: f32) -> Self {
+        Self { roughness: Vec2::new(along, across), ..self }
     }
 
     /// A pure emitter of a radiance.

@@ -27,9 +27,10 @@ mod text;
 mod transform;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use crate::settings::Settings;
-use glam::{DVec3, Vec2, Vec3};
+use glam::{Affine2, DMat3, DVec3, Vec2, Vec3};
 
 pub use builder::SceneBuilder;
 pub use error::{Location, SceneError};
@@ -58,10 +59,12 @@ pub struct Scene {
     pub mesh: Mesh,
     /// Materials that `Triangle::material` indexes.
     pub materials: Vec<Material>,
-    /// Images that `Material::diffuse_map` indexes.
+    /// Images that `Material::textures` indexes.
     pub textures: Vec<Texture>,
     /// Light from infinity.
     pub environment: Environment,
+    /// Lights that are no surfaces.
+    pub lights: Vec<Light>,
     /// BLAKE3 of every file that makes the scene, names and contents, as lower-case hex.
     pub hash: String,
     /// What the user should know but need not act on, one line each, without a trailing newline.
@@ -97,6 +100,27 @@ impl Scene {
         self.mesh.bounds()
     }
 
+    /// Whether each material is seen: some triangle has it, or has one of which it is a part.
+    pub fn shown_materials(&self) -> Vec<bool> {
+        let mut shown = vec![false; self.materials.len()];
+        let mut found: Vec<u32> = Vec::new();
+        for triangle in &self.mesh.triangles {
+            if !shown[triangle.material as usize] {
+                shown[triangle.material as usize] = true;
+                found.push(triangle.material);
+            }
+        }
+        while let Some(material) = found.pop() {
+            for part in self.materials[material as usize].surface.parts() {
+                if !shown[part as usize] {
+                    shown[part as usize] = true;
+                    found.push(part);
+                }
+            }
+        }
+        shown
+    }
+
     /// Indices into `mesh.triangles` of those that emit, in ascending order.
     pub fn light_triangles(&self) -> impl Iterator<Item = u32> {
         let triangles = self.mesh.triangles.iter().zip(0..);
@@ -115,8 +139,10 @@ pub struct Camera {
     pub target: DVec3,
     /// Rough up direction, not zero. Where it is parallel to the view another axis is taken.
     pub up: DVec3,
-    /// Vertical field of view in degrees, in (0, 180).
+    /// Vertical field of view in degrees, in (0, 180); means nothing where `orthographic`.
     pub vfov: f64,
+    /// Height of what an orthographic camera sees, world units, > 0; `None` for perspective.
+    pub orthographic: Option<f64>,
     /// Lens radius, world units; 0 is a pinhole.
     pub aperture: f64,
     /// Distance from the eye to the plane in focus, world units, > 0; means nothing for a pinhole.
@@ -162,18 +188,23 @@ pub struct Triangle {
     pub material: u32,
 }
 
-/// One material. It conserves energy: `diffuse` + `specular` is at most 1 in every channel.
+/// Microfacets of a smaller roughness than this are those of a smooth surface: their lobe is as narrow as the rounding of a
+/// direction.
+pub const SMOOTH: f32 = 1e-6;
+
+/// One material. It conserves energy: `diffuse` + `specular` is at most 1 in every channel of a [`Surface::Glossy`], and
+/// no reflectance is above 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
     /// Name in the file that defines it.
     pub name: String,
     /// What light does at the surface.
     pub surface: Surface,
-    /// Diffuse reflectance, each channel in [0, 1]; the largest that the image holds where there
-    /// is one. Zero where `surface` has no diffuse lobe, and for an emitter. MTL's Kd.
+    /// Diffuse reflectance, each channel in [0, 1]; the largest that the image holds where there is one. Base colour of
+    /// [`Surface::MetalRough`]. Zero where `surface` has no diffuse lobe, and for a pure emitter. MTL's Kd.
     pub diffuse: Vec3,
-    /// Weight of the Phong lobe or reflectance of the mirror, each channel in [0, 1]. Zero where
-    /// `surface` has neither, and for an emitter. MTL's Ks.
+    /// Weight of the Phong lobe, or what multiplies specular reflection, each channel in [0, 1]. Zero where `surface` has
+    /// none, and for a pure emitter. MTL's Ks.
     pub specular: Vec3,
     /// Phong exponent, at least 0. MTL's Ns.
     pub exponent: f32,
@@ -181,22 +212,73 @@ pub struct Material {
     pub ior: f32,
     /// Tint of transmitted light, each channel at least 0. MTL's Tf.
     pub transmission: Vec3,
-    /// Emitted radiance from the front side, each channel at least 0. Any channel above 0 makes
-    /// the material a pure emitter. MTL's Ke.
+    /// Emitted radiance from the front side, each channel at least 0. MTL's Ke.
     pub emission: Vec3,
-    /// Index into `Scene::textures` of the image that replaces `diffuse`. Every triangle of such a
-    /// material has texture coordinates, and the material is [`Surface::Glossy`] and no emitter.
-    pub diffuse_map: Option<u32>,
+    /// Whether what emits does nothing else: light that arrives is lost. MTL's lights are of this kind.
+    pub is_pure_emitter: bool,
+    /// Widths of the distribution of microfacets (GGX's alpha) along the tangent, where texture coordinate u grows, and
+    /// across it; in [0, 1]. Zero along both is smooth.
+    pub roughness: Vec2,
+    /// Complex index of refraction of a [`Surface::Conductor`]: its real part, each channel at least 0.
+    pub eta: Vec3,
+    /// Its imaginary part, each channel at least 0.
+    pub absorption: Vec3,
+    /// Share of metal in [`Surface::MetalRough`], in [0, 1].
+    pub metalness: f32,
+    /// Share of the clear coat over [`Surface::MetalRough`], in [0, 1].
+    pub coat: f32,
+    /// Width of the distribution of the coat's microfacets, in [0, 1].
+    pub coat_roughness: f32,
+    /// Share of the first material of a [`Surface::Blend`], in [0, 1].
+    pub weight: f32,
+    /// Whether light that microfacets scatter more than once is made up for (Kulla and Conty 2017); else it is lost.
+    pub compensates: bool,
+    /// Indices into `Scene::textures` of what gives a parameter in place of its constant, by [`Parameter`]. Every triangle
+    /// of a material with any has texture coordinates.
+    pub textures: [Option<u32>; Parameter::COUNT],
 }
 
 impl Material {
-    /// A pure emitter: it gives light and does not reflect.
+    /// Whether it gives light.
     pub fn is_emitter(&self) -> bool {
         self.emission.max_element() > 0.0
     }
+
+    /// Whether it gives light and does nothing else.
+    pub fn only_emits(&self) -> bool {
+        self.is_emitter() && self.is_pure_emitter
+    }
+
+    /// The index into `Scene::textures` of what gives that parameter.
+    pub fn texture(&self, parameter: Parameter) -> Option<u32> {
+        self.textures[parameter as usize]
+    }
+
+    /// Whether it has microfacets. Those of a smaller roughness than [`SMOOTH`] count as smooth.
+    pub fn is_rough(&self) -> bool {
+        let textured = [Parameter::Roughness, Parameter::RoughnessAcross].iter().any(|p| self.texture(*p).is_some());
+        self.surface.may_be_rough() && (textured || self.roughness.max_element() >= SMOOTH)
+    }
+
+    /// Whether the direction of its texture coordinates makes a difference to how it scatters.
+    pub fn is_anisotropic(&self) -> bool {
+        let apart = self.texture(Parameter::RoughnessAcross).is_some() || self.roughness.x != self.roughness.y;
+        self.is_rough() && apart
+    }
+
+    /// Whether an image turns its shading normals.
+    pub fn turns_normals(&self) -> bool {
+        self.texture(Parameter::Normal).is_some() || self.texture(Parameter::Height).is_some()
+    }
+
+    /// Whether an image gives a parameter other than the diffuse reflectance and the normal.
+    pub fn has_detail_textures(&self) -> bool {
+        let others = [Parameter::Diffuse, Parameter::Normal, Parameter::Height];
+        Parameter::ALL.iter().any(|parameter| !others.contains(parameter) && self.texture(*parameter).is_some())
+    }
 }
 
-/// What light does at a surface.
+/// What light does at a surface. Where it is rough, `Material::roughness` says so.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Surface {
     /// Diffuse reflection (Lambert) plus a glossy lobe (Phong).
@@ -205,29 +287,117 @@ pub enum Surface {
     Mirror,
     /// Specular transmission by Snell's law; reflects only under total internal reflection.
     Refractive,
-    /// A smooth interface between dielectrics: specular reflection and transmission, weighted by
-    /// the Fresnel equations.
+    /// An interface between dielectrics: reflection and transmission, weighted by the Fresnel equations.
     Dielectric,
+    /// A plate of a dielectric, so thin that light goes straight through it, with all reflections inside.
+    ThinDielectric,
+    /// A metal, by its complex index of refraction.
+    Conductor,
+    /// A dielectric coat over a diffuse base; what reflection inside the coat colours is left out where not `nonlinear`.
+    Plastic {
+        /// Whether colours shift by light that is reflected inside the coat.
+        nonlinear: bool,
+    },
+    /// glTF's mixture of a metal and of a diffuse body under a dielectric interface, perhaps under a clear coat.
+    MetalRough,
+    /// No surface at all: light goes on as it came.
+    Nothing,
+    /// One of two materials by chance, with the probability `Material::weight` for the first. Both are indices into
+    /// `Scene::materials`.
+    Blend(u32, u32),
+    /// One material for each side. Both are indices into `Scene::materials`.
+    Sides {
+        /// What light from the front meets.
+        front: u32,
+        /// What light from the back meets.
+        back: u32,
+    },
 }
 
 impl Surface {
     /// Whether a diffuse reflectance means something of it.
     pub fn is_diffuse(self) -> bool {
-        matches!(self, Self::Glossy)
+        matches!(self, Self::Glossy | Self::Plastic { .. } | Self::MetalRough)
     }
 
     /// Whether a specular reflectance does: the weight of a lobe or of a mirror.
     pub fn is_reflector(self) -> bool {
-        matches!(self, Self::Glossy | Self::Mirror)
+        matches!(self, Self::Glossy | Self::Mirror | Self::Conductor | Self::Plastic { .. } | Self::MetalRough)
     }
 
-    /// Whether an index of refraction does, and a tint of what is transmitted.
+    /// Whether light gets inside it, so that a tint of what is transmitted means something.
     pub fn refracts(self) -> bool {
         matches!(self, Self::Refractive | Self::Dielectric)
     }
+
+    /// Whether an index of refraction means something of it.
+    pub fn has_index(self) -> bool {
+        self.refracts() || matches!(self, Self::ThinDielectric | Self::Plastic { .. } | Self::MetalRough)
+    }
+
+    /// Whether it may have microfacets.
+    pub fn may_be_rough(self) -> bool {
+        matches!(self, Self::Dielectric | Self::Conductor | Self::Plastic { .. } | Self::MetalRough)
+    }
+
+    /// The materials that it is made of.
+    pub fn parts(self) -> impl Iterator<Item = u32> {
+        let parts = match self {
+            Self::Blend(first, second) => Some([first, second]),
+            Self::Sides { front, back } => Some([front, back]),
+            _ => None,
+        };
+        parts.into_iter().flatten()
+    }
 }
 
-/// A diffuse reflectance image, bilinear and repeated by its user.
+/// What an image can give of a material.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Parameter {
+    /// `Material::diffuse`.
+    Diffuse,
+    /// `Material::specular`.
+    Specular,
+    /// `Material::roughness` along the tangent, or both along it and across it where `RoughnessAcross` has no image.
+    Roughness,
+    /// `Material::roughness` across the tangent.
+    RoughnessAcross,
+    /// `Material::metalness`.
+    Metalness,
+    /// `Material::weight`.
+    Weight,
+    /// The shading normal in tangent space, each coordinate from [-1, 1] to [0, 1].
+    Normal,
+    /// Height over the surface, in world units, by which the shading normal turns.
+    Height,
+    /// `Material::emission`.
+    Emission,
+}
+
+impl Parameter {
+    /// How many there are.
+    pub const COUNT: usize = 9;
+
+    /// Every one, in the order of `Material::textures`.
+    pub const ALL: [Self; Self::COUNT] = [
+        Self::Diffuse,
+        Self::Specular,
+        Self::Roughness,
+        Self::RoughnessAcross,
+        Self::Metalness,
+        Self::Weight,
+        Self::Normal,
+        Self::Height,
+        Self::Emission,
+    ];
+
+    /// Whether it is one number, which an image has in its first channel.
+    pub fn is_scalar(self) -> bool {
+        !matches!(self, Self::Diffuse | Self::Specular | Self::Normal | Self::Emission)
+    }
+}
+
+/// An image as surfaces show it.
 #[derive(Debug, Clone)]
 pub struct Texture {
     /// Where it was read from.
@@ -236,9 +406,80 @@ pub struct Texture {
     pub width: u32,
     /// Height in texels, at least 1.
     pub height: u32,
-    /// Reflectance in [0, 1], the energy rule applied: linear RGB plus one unused channel, row 0 at
-    /// the top (v = 1), `width * height` entries.
-    pub texels: Vec<[half::f16; 4]>,
+    /// Values of the parameter that it gives, the energy rule applied: linear RGB, or a number in all three, plus one unused
+    /// channel; row 0 at the top (v = 1), `width * height` entries. Textures of the same texels share them.
+    pub texels: Arc<[[half::f16; 4]]>,
+    /// How it lies on the surface.
+    pub lookup: Lookup,
+}
+
+/// How the texels of an image are found for texture coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lookup {
+    /// Takes the surface's texture coordinates to the image's. Finite.
+    pub transform: Affine2,
+    /// What lies beyond the image.
+    pub wrap: Wrap,
+    /// Whether the four nearest texels are mixed (bilinear), or the nearest one is taken.
+    pub is_smooth: bool,
+}
+
+impl Default for Lookup {
+    fn default() -> Self {
+        Self { transform: Affine2::IDENTITY, wrap: Wrap::Repeat, is_smooth: true }
+    }
+}
+
+/// What lies beyond an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Wrap {
+    /// The image again.
+    Repeat,
+    /// The image mirrored, and again.
+    Mirror,
+    /// Its edge.
+    Clamp,
+}
+
+/// Light from a point or a direction, which no ray of a path can find by chance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Light {
+    /// From a point, equally into all directions.
+    Point {
+        /// World units.
+        position: DVec3,
+        /// Power per solid angle, each channel at least 0.
+        intensity: Vec3,
+    },
+    /// From a point into a cone.
+    Spot {
+        /// World units.
+        position: DVec3,
+        /// Axis of the cone, unit.
+        direction: DVec3,
+        /// Power per solid angle along the axis, each channel at least 0.
+        intensity: Vec3,
+        /// Angles from the axis, in degrees: up to the first the intensity is whole, from the second on it is 0.
+        angles: [f64; 2],
+        /// How it falls off in between.
+        falloff: Falloff,
+    },
+    /// From far away.
+    Directional {
+        /// Where the light goes, unit.
+        direction: DVec3,
+        /// On a plane across it, each channel at least 0.
+        irradiance: Vec3,
+    },
+}
+
+/// How the intensity of a spot falls off between its two angles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Falloff {
+    /// Linear in the angle (Mitsuba's).
+    Angle,
+    /// The square of what is linear in the cosine (glTF's).
+    SquaredCosine,
 }
 
 /// Light that arrives from infinity.
@@ -263,4 +504,6 @@ pub struct EnvironmentMap {
     pub height: u32,
     /// Linear radiance, already multiplied by the scene's `scale`, `width * height` entries.
     pub radiance: Vec<Vec3>,
+    /// Takes directions of the image to those of the world; a rotation.
+    pub rotation: DMat3,
 }

@@ -1,9 +1,11 @@
 //! What a scene has and what a render needs of its kernels, and so the values of the specialization constants.
 
 use super::super::plan::Plan;
+use glam::DMat3;
+
 use crate::bvh::{Bvh, BvhKind};
 use crate::constants::*;
-use crate::scene::{self, Environment, Scene, Surface};
+use crate::scene::{self, Environment, Lookup, Parameter, Scene, Surface};
 use crate::settings::{Integrator, Offsets, PathState, RouletteMode, Sampler, Settings, ShadowRays, Sort};
 
 /// Declares what a scene may have or not: its name in the code, its name for people, and how it is found.
@@ -49,17 +51,55 @@ features! {
     /// Some triangle emits.
     lights, "area lights": |s| s.any_used(|m| m.is_emitter());
     /// Some material is a Phong BRDF: Lambert plus lobe.
-    phong, "diffuse surfaces": |s| s.any_scattering(|m| m.surface == Surface::Glossy);
+    phong, "diffuse surfaces": |s| s.any_of(SURFACE_PHONG);
     /// The lobe of some Phong BRDF is above zero.
     phong_lobes, "Phong lobes": |s| s.any_scattering(|m| m.surface == Surface::Glossy && m.specular.max_element() > 0.0);
     /// Some material is a mirror.
-    mirror, "mirrors": |s| s.any_scattering(|m| m.surface == Surface::Mirror);
+    mirror, "mirrors": |s| s.any_of(SURFACE_MIRROR);
     /// Some material refracts without Fresnel split.
-    refractive, "refraction": |s| s.any_scattering(|m| m.surface == Surface::Refractive);
+    refractive, "refraction": |s| s.any_of(SURFACE_REFRACTIVE);
     /// Some material is a Fresnel dielectric.
-    dielectric, "Fresnel glass": |s| s.any_scattering(|m| m.surface == Surface::Dielectric);
-    /// Some material that scatters has a texture.
-    textures, "textures": |s| s.any_scattering(|m| m.diffuse_map.is_some());
+    dielectric, "Fresnel glass": |s| s.any_of(SURFACE_DIELECTRIC);
+    /// Some material is a metal without microfacets.
+    smooth_conductor, "smooth metals": |s| s.any_of(SURFACE_SMOOTH_CONDUCTOR);
+    /// Some material is a metal with microfacets.
+    conductor, "rough metals": |s| s.any_of(SURFACE_CONDUCTOR);
+    /// Some material is a dielectric with microfacets.
+    rough_dielectric, "rough glass": |s| s.any_of(SURFACE_ROUGH_DIELECTRIC);
+    /// Some material is a thin plate of a dielectric.
+    thin_dielectric, "thin glass": |s| s.any_of(SURFACE_THIN_DIELECTRIC);
+    /// Some material is a diffuse base under a smooth coat.
+    plastic, "plastics": |s| s.any_of(SURFACE_PLASTIC);
+    /// Some material is a diffuse base under a coat with microfacets.
+    rough_plastic, "rough plastics": |s| s.any_of(SURFACE_ROUGH_PLASTIC);
+    /// Some material is glTF's mixture of metal and diffuse.
+    metal_rough, "metal-rough": |s| s.any_of(SURFACE_METAL_ROUGH);
+    /// Some of those has a clear coat.
+    coat, "clear coats": |s| s.any_scattering(|m| m.surface == Surface::MetalRough && m.coat > 0.0);
+    /// Some material is no surface.
+    nothing, "transparency": |s| s.any_of(SURFACE_NOTHING);
+    /// Some material is a blend, or has one for each side.
+    blends, "blends": |s| s.any_scattering(|m| m.surface.parts().next().is_some());
+    /// Some material is turned by the direction of its texture coordinates.
+    anisotropy, "anisotropy": |s| s.any_scattering(|m| m.is_anisotropic());
+    /// Some material makes up for light that its microfacets scatter more than once.
+    compensation, "multiple scattering": |s| s.any_scattering(|m| m.is_rough() && m.compensates);
+    /// Some material that scatters has a texture of diffuse reflectance.
+    textures, "textures": |s| s.any_scattering(|m| m.texture(Parameter::Diffuse).is_some());
+    /// Some material has a texture of another parameter.
+    detail_textures, "detail textures": |s| s.any_used(scene::Material::has_detail_textures);
+    /// Some texture turns shading normals.
+    normal_textures, "normal maps": |s| s.any_scattering(scene::Material::turns_normals);
+    /// Some texture is not bilinear and repeated as it is.
+    lookups, "placed textures": |s| s.any_texture(|t| t.lookup != Lookup::default());
+    /// Some surface both emits and scatters.
+    scattering_lights, "lights that scatter": |s| s.any_used(|m| m.is_emitter() && !m.is_pure_emitter);
+    /// Some light is no surface.
+    punctual_lights, "punctual lights": |s| !s.scene.lights.is_empty();
+    /// The lat-long environment is turned.
+    turned_environment, "turned environment": |s| s.has_turned_environment();
+    /// The camera is orthographic.
+    orthographic, "orthographic camera": |s| s.scene.camera.orthographic.is_some();
     /// Some triangle has shading normals.
     normals, "shading normals": |s| s.scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE);
     /// The camera has a lens.
@@ -68,13 +108,25 @@ features! {
     distance, "distant camera": |s| s.distance;
 }
 
-/// The BSDF of a surface, as kernels call it: one of `SURFACE_*`.
-pub(super) fn bsdf_of(surface: Surface) -> u32 {
-    match surface {
+/// The BSDF of a material, as kernels call it: one of `SURFACE_*`.
+pub(super) fn bsdf_of(material: &scene::Material) -> u32 {
+    let is_rough = material.is_rough();
+    match material.surface {
+        _ if material.only_emits() => SURFACE_EMITTER,
         Surface::Glossy => SURFACE_PHONG,
         Surface::Mirror => SURFACE_MIRROR,
         Surface::Refractive => SURFACE_REFRACTIVE,
+        Surface::Dielectric if is_rough => SURFACE_ROUGH_DIELECTRIC,
         Surface::Dielectric => SURFACE_DIELECTRIC,
+        Surface::ThinDielectric => SURFACE_THIN_DIELECTRIC,
+        Surface::Conductor if is_rough => SURFACE_CONDUCTOR,
+        Surface::Conductor => SURFACE_SMOOTH_CONDUCTOR,
+        Surface::Plastic { .. } if is_rough => SURFACE_ROUGH_PLASTIC,
+        Surface::Plastic { .. } => SURFACE_PLASTIC,
+        Surface::MetalRough => SURFACE_METAL_ROUGH,
+        Surface::Nothing => SURFACE_NOTHING,
+        Surface::Blend(..) => SURFACE_BLEND,
+        Surface::Sides { .. } => SURFACE_SIDES,
     }
 }
 
@@ -105,9 +157,26 @@ impl Subject<'_> {
         self.used.iter().any(|material| test(material))
     }
 
-    /// Of the materials that are no area lights.
+    /// Of the materials that scatter.
     fn any_scattering(&self, test: impl Fn(&scene::Material) -> bool) -> bool {
-        self.any_used(|material| !material.is_emitter() && test(material))
+        self.any_used(|material| !material.only_emits() && test(material))
+    }
+
+    /// Whether some material has that BSDF.
+    fn any_of(&self, bsdf: u32) -> bool {
+        self.any_used(|material| bsdf_of(material) == bsdf)
+    }
+
+    fn any_texture(&self, test: impl Fn(&scene::Texture) -> bool) -> bool {
+        let shown = |material: &scene::Material| {
+            let textures = material.textures.iter().flatten();
+            textures.map(|texture| &self.scene.textures[*texture as usize]).any(&test)
+        };
+        self.any_used(shown)
+    }
+
+    fn has_turned_environment(&self) -> bool {
+        matches!(&self.scene.environment, Environment::LatLong(map) if map.rotation != DMat3::IDENTITY)
     }
 }
 
@@ -118,27 +187,34 @@ fn is_in(subject: &Subject<'_>, is_in: impl Fn(&Subject<'_>) -> bool) -> bool {
 impl Features {
     pub(super) fn of(scene: &Scene, bvh: &Bvh, distance: bool) -> Self {
         let used =
-            scene.materials.iter().zip(used_materials(scene)).filter_map(|(material, used)| used.then_some(material));
+            scene.materials.iter().zip(scene.shown_materials()).filter_map(|(material, used)| used.then_some(material));
         Self::of_subject(&Subject { scene, bvh, used: used.collect(), distance })
     }
 
     /// Whether some BSDF is not all specular, so that light samples count.
     fn has_non_specular(&self) -> bool {
-        self.phong
+        let Self { phong, conductor, rough_dielectric, plastic, rough_plastic, metal_rough, .. } = *self;
+        phong || conductor || rough_dielectric || plastic || rough_plastic || metal_rough
     }
 
     fn scatters(&self) -> bool {
-        self.has_non_specular() || self.mirror || self.refractive || self.dielectric
+        let Self { mirror, refractive, dielectric, smooth_conductor, thin_dielectric, nothing, .. } = *self;
+        self.has_non_specular() || mirror || refractive || dielectric || smooth_conductor || thin_dielectric || nothing
     }
-}
 
-/// Whether some triangle has a material, for each.
-pub(super) fn used_materials(scene: &Scene) -> Vec<bool> {
-    let mut used = vec![false; scene.materials.len()];
-    for triangle in &scene.mesh.triangles {
-        used[triangle.material as usize] = true;
+    /// Whether materials have more than the words of each.
+    pub(super) fn has_details(&self) -> bool {
+        let Self { smooth_conductor, conductor, rough_dielectric, thin_dielectric, plastic, rough_plastic, .. } = *self;
+        let Self { metal_rough, blends, detail_textures, normal_textures, .. } = *self;
+        let coats = plastic || rough_plastic || metal_rough;
+        let other = smooth_conductor || conductor || rough_dielectric || thin_dielectric;
+        coats || other || blends || detail_textures || normal_textures
     }
-    used
+
+    /// Whether triangles have texture coordinates.
+    pub(super) fn has_coordinates(&self) -> bool {
+        self.textures || self.detail_textures || self.normal_textures || self.anisotropy
+    }
 }
 
 /// What a render needs of its kernels, by its scene and its settings.
@@ -175,7 +251,7 @@ impl Needs {
     /// What a render needs, by the features of its scene and the stack of its BVH.
     pub fn of(features: Features, settings: &Settings, stack_size: u32) -> Self {
         let scatters = features.scatters() && settings.max_bounces != Some(0);
-        let lit = features.lights || features.environment != ENVIRONMENT_BLACK;
+        let lit = features.lights || features.punctual_lights || features.environment != ENVIRONMENT_BLACK;
         Self {
             features,
             scatters,
@@ -197,7 +273,26 @@ impl Needs {
             mirror,
             refractive,
             dielectric,
+            smooth_conductor,
+            conductor,
+            rough_dielectric,
+            thin_dielectric,
+            plastic,
+            rough_plastic,
+            metal_rough,
+            coat,
+            nothing,
+            blends,
+            anisotropy,
+            compensation,
             textures,
+            detail_textures,
+            normal_textures,
+            lookups,
+            scattering_lights,
+            punctual_lights,
+            turned_environment,
+            orthographic,
             normals,
             thin_triangles,
             lens,
@@ -224,7 +319,26 @@ impl Needs {
             has_mirror: mirror,
             has_refractive: refractive,
             has_dielectric: dielectric,
+            has_smooth_conductor: smooth_conductor,
+            has_conductor: conductor,
+            has_rough_dielectric: rough_dielectric,
+            has_thin_dielectric: thin_dielectric,
+            has_plastic: plastic,
+            has_rough_plastic: rough_plastic,
+            has_metal_rough: metal_rough,
+            has_coat: coat,
+            has_nothing: nothing,
+            has_blends: blends,
+            has_anisotropy: anisotropy,
+            has_compensation: compensation,
             has_textures: textures,
+            has_detail_textures: detail_textures,
+            has_normal_textures: normal_textures,
+            has_lookups: lookups,
+            has_scattering_lights: scattering_lights,
+            has_punctual_lights: punctual_lights,
+            has_turned_environment: turned_environment,
+            has_orthographic: orthographic,
             has_normals: normals,
             has_lens: lens,
             has_distance: distance,

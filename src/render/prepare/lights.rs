@@ -98,3 +98,17 @@ pub(super) fn sky_probability(features: Features, lights: &AreaLights, sky: &Sky
     // Exact in the 24 bits of a random number.
     ((share * 256.0).round() / 256.0) as f32
 }
+
+/// Probability that a light sample is of the lights that are no surfaces: their share of the power that the scene receives,
+/// but a tenth at least where there are others, and as much for the others. `power` is their strength as the middle of the
+/// scene receives it.
+pub(super) fn punctual_probability(power: f64, lights: &AreaLights, sky: &Sky, size: DVec3) -> f32 {
+    let received = 0.25 * PI * size.length_squared() * power;
+    let others = lights.power + 0.5 * sky.power * PI * 0.25 * size.length_squared();
+    if received == 0.0 || others == 0.0 {
+        return if received == 0.0 { 0.0 } else { 1.0 };
+    }
+    let share = (received / (received + others)).clamp(0.1, 0.9);
+    // Exact in the 24 bits of a random number.
+    ((share * 256.0).round() / 256.0) as f32
+}

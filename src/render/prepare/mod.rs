@@ -7,19 +7,21 @@
 mod camera;
 mod features;
 mod lights;
+mod microfacets;
 mod pack;
 mod sky;
 mod space;
 
 use std::f64::consts::PI;
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
 use self::camera::camera_frame;
 pub use self::features::{FeatureFlag, Features, Needs};
-use self::lights::{AreaLights, MAX_CELLS, brightness, sky_probability};
-use self::pack::{pack_coordinates, pack_material, pack_normals, pack_textures};
+use self::lights::{AreaLights, MAX_CELLS, brightness, punctual_probability, sky_probability};
+use self::microfacets::Tables;
+use self::pack::{pack_coordinates, pack_detail, pack_lights, pack_material, pack_normals, pack_textures};
 use self::sky::Sky;
 pub use self::space::Normalisation;
 use self::space::{normal_or_zero, radiance_scale, scaled};
@@ -27,7 +29,9 @@ use super::defaults::Defaults;
 use super::plan::{Plan, SceneLevels};
 use crate::bvh::{self, Bvh, BvhKind};
 use crate::constants::*;
-use crate::layout::{EnvironmentSplit, EnvironmentTexel, Frame, Light, Material, Normals, Triangle};
+use crate::layout::{
+    EnvironmentSplit, EnvironmentTexel, Frame, Light, Material, MaterialDetail, Normals, PunctualLight, Triangle,
+};
 use crate::scene::{Environment, Scene};
 use crate::settings::{Integrator, Settings};
 use crate::trace::Stages;
@@ -57,13 +61,17 @@ pub struct PreparedScene {
     pub triangles: Vec<Triangle>,
     /// Materials in the scene's order.
     pub materials: Vec<Material>,
+    /// What else materials have, in the same order, where some have more.
+    pub material_details: Vec<MaterialDetail>,
     /// Area lights: emissive triangles, as cells of an alias table.
     pub lights: Vec<Light>,
+    /// Lights that are no surfaces, as cells of another.
+    pub punctual_lights: Vec<PunctualLight>,
     /// Shading normals in the scene's order, if there are any.
     pub normals: Vec<Normals>,
     /// Three texture coordinates a triangle in the scene's order, if there are textures.
     pub texture_coordinates: Vec<Vec2>,
-    /// Per image its width and height, then its texels as halves.
+    /// Textures: sizes, lookups and texels as halves; then tables of microfacets.
     pub textures: Vec<[u32; 2]>,
     /// Texels of a lat-long environment.
     pub environment: Vec<EnvironmentTexel>,
@@ -168,7 +176,11 @@ impl PreparedScene {
 
         let mut frame = camera_frame(&scene.camera, &normalisation, &corners);
         let features = Features::of(scene, &bvh, frame.camera_distance > 0.0);
-        let (textures, headers) = if features.textures { pack_textures(scene) } else { Default::default() };
+        let (mut textures, headers) = pack_textures(scene, radiance_scale);
+        let mut tables = Tables::new(&mut textures);
+        let details = scene.materials.iter().map(|material| pack_detail(material, &headers, &mut tables));
+        let material_details = if features.has_details() { details.collect() } else { Vec::new() };
+        let (punctual_lights, punctual_power) = pack_lights(&scene.lights, &normalisation, radiance_scale);
         let sky = match &scene.environment {
             Environment::LatLong(map) => Sky::of(map, radiance_scale)?,
             Environment::Constant(radiance) => Sky { power: 4.0 * PI * brightness(*radiance), ..Sky::default() },
@@ -178,6 +190,13 @@ impl PreparedScene {
         let (low, high) = scene.bounds();
         frame.sky_probability =
             sky_probability(features, &area_lights, &sky, normalisation.point(high) - normalisation.point(low));
+        frame.punctual_count = punctual_lights.len() as u32;
+        frame.punctual_probability = punctual_probability(
+            punctual_power,
+            &area_lights,
+            &sky,
+            normalisation.point(high) - normalisation.point(low),
+        );
         frame.environment = features.environment;
         match &scene.environment {
             Environment::Constant(radiance) => {
@@ -185,6 +204,8 @@ impl PreparedScene {
             }
             Environment::LatLong(map) => {
                 (frame.environment_width, frame.environment_height) = (map.width, map.height);
+                let [x, y, z] = map.rotation.to_cols_array_2d().map(|column| DVec3::from(column).as_vec3().to_array());
+                (frame.environment_x, frame.environment_y, frame.environment_z) = (x, y, z);
             }
             Environment::Black => {}
         }
@@ -192,9 +213,11 @@ impl PreparedScene {
             bvh,
             triangles,
             materials: scene.materials.iter().map(|m| pack_material(m, &headers, radiance_scale)).collect(),
+            material_details,
             lights: area_lights.cells,
+            punctual_lights,
             normals: if features.normals { pack_normals(mesh) } else { Vec::new() },
-            texture_coordinates: if features.textures { pack_coordinates(mesh) } else { Vec::new() },
+            texture_coordinates: if features.has_coordinates() { pack_coordinates(mesh) } else { Vec::new() },
             textures,
             environment: sky.texels,
             environment_splits: sky.splits,
@@ -280,7 +303,7 @@ impl PreparedScene {
 impl PreparedScene {
     /// The scene's buffers. What the scene has no data for is one word or, without specialization, as
     /// long as if each triangle had some.
-    pub fn buffers(&self, specialize: bool) -> [SceneBuffer<'_>; 9] {
+    pub fn buffers(&self, specialize: bool) -> [SceneBuffer<'_>; 11] {
         let triangles = if specialize { 1 } else { self.triangles.len() as u64 };
         fn buffer<'a>(name: &'static str, texel_bytes: u64, contents: &'a [u8], least: u64) -> SceneBuffer<'a> {
             SceneBuffer { name, texel_bytes, contents, size: (contents.len() as u64).max(least) }
@@ -289,6 +312,8 @@ impl PreparedScene {
             buffer("nodes", 16, bytemuck::cast_slice(&self.bvh.texels), 16),
             buffer("triangles", 16, bytemuck::cast_slice(&self.triangles), 16),
             buffer("materials", 16, bytemuck::cast_slice(&self.materials), 16),
+            buffer("material_details", 16, bytemuck::cast_slice(&self.material_details), 16),
+            buffer("punctual_lights", 16, bytemuck::cast_slice(&self.punctual_lights), 16),
             buffer("lights", 16, bytemuck::cast_slice(&self.lights), 16),
             buffer("normals", 16, bytemuck::cast_slice(&self.normals), 16 * triangles),
             buffer("texture_coordinates", 8, bytemuck::cast_slice(&self.texture_coordinates), 3 * 8 * triangles),

@@ -2,20 +2,28 @@
 
 use glam::{DVec3, Vec3};
 
-use super::features::used_materials;
-use crate::scene::{Environment, Scene};
+use crate::scene::{Environment, Light, Scene};
 
 /// The power of two that scales the geometric mean of the brightest and the dimmest light to about 1, so that the sums and
 /// squares of samples stay clear of both ends of `f32`. It rounds nothing.
 pub(super) fn radiance_scale(scene: &Scene) -> f64 {
     let area_lights =
-        scene.materials.iter().zip(used_materials(scene)).filter(|(_, used)| *used).map(|(m, _)| m.emission);
+        scene.materials.iter().zip(scene.shown_materials()).filter(|(_, shown)| *shown).map(|(m, _)| m.emission);
     let environment = match &scene.environment {
         Environment::Black => Vec3::ZERO,
         Environment::Constant(radiance) => *radiance,
         Environment::LatLong(map) => map.radiance.iter().fold(Vec3::ZERO, |peak, texel| peak.max(*texel)),
     };
-    let peaks = area_lights.chain([environment]).map(|light| f64::from(light.max_element())).filter(|peak| *peak > 0.0);
+    let square = Normalisation::of(scene).scale.powi(2) as f32;
+    let punctual = scene.lights.iter().map(|light| match light {
+        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => *intensity * square,
+        Light::Directional { irradiance, .. } => *irradiance,
+    });
+    let peaks = area_lights
+        .chain([environment])
+        .chain(punctual)
+        .map(|light| f64::from(light.max_element()))
+        .filter(|peak| *peak > 0.0);
     let (low, high) = peaks.fold((f64::INFINITY, 0.0_f64), |(low, high), peak| (low.min(peak), high.max(peak)));
     if high > 0.0 { (-0.5 * (low.log2() + high.log2())).round().exp2() } else { 1.0 }
 }

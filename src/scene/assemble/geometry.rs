@@ -1,16 +1,13 @@
 //! Instances to triangles in the world, and which triangles are worth keeping.
 
-use std::collections::HashMap;
-
 use glam::DVec3;
 
 use super::materials::Materials;
 use crate::scene::{
     Mesh, NONE, Triangle,
     error::SceneError,
-    import::{self, FARTHEST, Place},
+    import::{self, FARTHEST, Instance},
     sources::Sources,
-    transform::Transform,
 };
 
 impl Mesh {
@@ -19,7 +16,7 @@ impl Mesh {
     pub(super) fn add_instances<'a>(
         &mut self,
         imported: &import::Mesh,
-        transforms: impl Iterator<Item = &'a Transform>,
+        instances: impl Iterator<Item = &'a Instance>,
         materials: &mut Materials,
         sources: &mut Sources,
     ) -> Result<usize, SceneError> {
@@ -28,17 +25,14 @@ impl Mesh {
             materials.index(triangle.material, has_uvs, &imported.location, sources)
         };
         let triangle_materials: Vec<u32> = imported.triangles.iter().map(material_of).collect::<Result<_, _>>()?;
-        let shows_image = |material: u32| materials.made()[material as usize].diffuse_map.is_some();
 
         // Texture coordinates are the same for all instances.
         let first_uv = self.uvs.len();
-        if triangle_materials.iter().any(|&material| shows_image(material)) {
+        if triangle_materials.iter().any(|&material| materials.needs_coordinates(material)) {
             self.uvs.extend(&imported.uvs);
         }
-        // Those of images that lie elsewhere, by material and index there.
-        let mut placed_uvs: HashMap<(u32, u32), u32> = HashMap::new();
         let mut without_area = 0;
-        for transform in transforms {
+        for Instance { transform, is_mirrored, .. } in instances {
             let first_position = self.positions.len();
             for &point in &imported.positions {
                 let point = transform.point(point);
@@ -77,15 +71,13 @@ impl Mesh {
                         placed.normals = corners;
                     }
                 }
-                if shows_image(material) {
-                    let place = materials.place(material);
-                    placed.uvs = triangle.uvs.map(|index| match place == Place::default() {
-                        true => first_uv as u32 + index,
-                        false => *placed_uvs.entry((material, index)).or_insert_with(|| {
-                            self.uvs.push(place.of(imported.uvs[index as usize]));
-                            self.uvs.len() as u32 - 1
-                        }),
-                    });
+                if materials.needs_coordinates(material) && triangle.uvs[0] != NONE {
+                    placed.uvs = triangle.uvs.map(|index| first_uv as u32 + index);
+                }
+                if *is_mirrored {
+                    placed.positions.swap(1, 2);
+                    placed.normals.swap(1, 2);
+                    placed.uvs.swap(1, 2);
                 }
                 self.triangles.push(placed);
             }

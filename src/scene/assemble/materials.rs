@@ -1,16 +1,17 @@
 //! Materials that surfaces show, held to the conservation of energy, and their textures.
 
-use std::{collections::HashMap, mem, path::Path};
+use std::{collections::HashMap, mem, sync::Arc};
 
 use glam::Vec3;
 use half::f16;
 
 use super::decoded;
-use crate::image::Image;
+use crate::constants::MAX_BLENDS;
+use crate::image::{Encoding, Texels};
 use crate::scene::{
-    Material, Texture,
+    Lookup, Material, Parameter, Surface, Texture, Wrap,
     error::{Location, SceneError},
-    import::{self, ImageFile, Place},
+    import::{self, ImageFile, ImageSource, Map, Response},
     sources::{Sources, Warning},
     text::{excerpt, one_line},
 };
@@ -19,42 +20,43 @@ use crate::scene::{
 pub(super) struct Materials {
     described: Vec<import::Material>,
     images: Vec<ImageFile>,
-    /// Decoded images by their index: reflectance, at most 1.
-    reflectances: HashMap<usize, Image>,
-    /// Of each described material, what was made of it without its image and with it.
+    /// Texels of images by index and encoding, every channel finite and at least 0.
+    decoded: HashMap<(usize, Encoding), Texels>,
+    /// Of each described material, what was made of it without its images and with them.
     known: Vec<[Option<u32>; 2]>,
-    made: Vec<Material>,
-    /// Where the image of each lies on its surfaces.
-    places: Vec<Place>,
-    /// The image of each texture and the factor that the energy rule asks for.
-    origins: Vec<(usize, f32)>,
+    /// `None` while its parts are made.
+    made: Vec<Option<Material>>,
+    /// What each texture was made of, and its index.
+    origins: HashMap<Origin, u32>,
     textures: Vec<Texture>,
 }
+
+/// What makes texels: an image in an encoding, the channel or all, factors by their bits, and the response.
+type TexelOrigin = (usize, Encoding, Option<usize>, [u32; 3], [u32; 2]);
+/// What makes a texture: texels, and where they lie, by its bits.
+type Origin = (TexelOrigin, [u32; 6], Wrap, bool);
 
 impl Materials {
     pub fn new(described: Vec<import::Material>, images: Vec<ImageFile>) -> Self {
         let known = vec![[None; 2]; described.len()];
-        let (reflectances, made, places, origins, textures) = Default::default();
-        Self { described, images, reflectances, known, made, places, origins, textures }
+        let (decoded, made, origins, textures) = Default::default();
+        Self { described, images, decoded, known, made, origins, textures }
     }
 
-    /// What was made so far.
-    pub fn made(&self) -> &[Material] {
-        &self.made
-    }
-
-    /// Where the image of a material of the scene lies on its surfaces.
-    pub fn place(&self, material: u32) -> Place {
-        self.places[material as usize]
+    /// Whether a material of the scene, or a part of it, needs texture coordinates.
+    pub fn needs_coordinates(&self, material: u32) -> bool {
+        let Some(made) = &self.made[material as usize] else { return false };
+        let own = made.textures.iter().any(Option::is_some) || made.is_anisotropic();
+        own || made.surface.parts().any(|part| self.needs_coordinates(part))
     }
 
     /// All materials, and the textures that they index.
     pub fn finish(self) -> (Vec<Material>, Vec<Texture>) {
-        (self.made, self.textures)
+        (self.made.into_iter().flatten().collect(), self.textures)
     }
 
     /// The index of a described material among those of the scene. It is made at its first use, by
-    /// a mesh of `user`; where faces have no texture coordinates, without its image.
+    /// a mesh of `user`; where faces have no texture coordinates, without its images.
     pub fn index(
         &mut self,
         described: u32,
@@ -63,8 +65,8 @@ impl Materials {
         sources: &mut Sources,
     ) -> Result<u32, SceneError> {
         let described = described as usize;
-        let image = self.described[described].visible_image();
-        let kind = usize::from(image.is_some() && has_uvs);
+        let needs_coordinates = self.reaches_coordinates(described, 0);
+        let kind = usize::from(needs_coordinates && has_uvs);
         if let Some(known) = self.known[described][kind] {
             return Ok(known);
         }
@@ -75,118 +77,158 @@ impl Materials {
         if let Some(fault) = material.faults.iter().find(|fault| material.shows(fault.key)) {
             return Err(fault.location.refuse(&fault.problem));
         }
-        if material.diffuse_image.is_some() && material.emission != Vec3::ZERO {
+        if material.map(Parameter::Diffuse).is_some() && material.optics.only_emits() {
             let location = material.location.clone().unwrap_or_else(|| user.clone());
             let text = "a material with Ke is a light and shows no map_Kd".to_owned();
             sources.note(&Warning { kind: "image on a light", location, text });
         }
-        if image.is_some() && !has_uvs {
-            let name = excerpt(&material.name);
-            let text = format!("faces of `{name}` lack texture coordinates; they show Kd, not map_Kd");
+        if material.visible_maps().next().is_some() && !has_uvs {
+            let name = excerpt(&material.optics.name);
+            let text = format!("faces of `{name}` lack texture coordinates; they show constants, not images");
             sources.note(&Warning { kind: "no texture coordinates", location: user.clone(), text });
         }
-        let place = material.image_place;
-        let shown = image.filter(|_| has_uvs).filter(|image| self.is_there(*image, sources));
-        let material = self.made_of(described, shown, user, sources)?;
-        self.made.push(material);
-        self.places.push(place);
-        let index = self.made.len() as u32 - 1;
+        let maps: Vec<(Parameter, Map)> = material.visible_maps().filter(|_| has_uvs).collect();
+        let index = self.made.len() as u32;
+        // A blend that is a part of itself ends here.
         self.known[described][kind] = Some(index);
+        self.made.push(None);
+        let mut made = self.made_of(described, &maps, user, sources)?;
+        let mut part = |part: u32| self.index(part, has_uvs, user, sources);
+        made.surface = match made.surface {
+            Surface::Blend(first, second) => Surface::Blend(part(first)?, part(second)?),
+            Surface::Sides { front, back } => Surface::Sides { front: part(front)?, back: part(back)? },
+            other => other,
+        };
+        self.made[index as usize] = Some(made);
         Ok(index)
+    }
+
+    /// Whether a described material or a part of it needs texture coordinates. Blends are [`MAX_BLENDS`] deep at most.
+    fn reaches_coordinates(&self, described: usize, depth: u32) -> bool {
+        let material = &self.described[described];
+        let own = material.visible_maps().next().is_some() || material.optics.is_anisotropic();
+        own || depth < MAX_BLENDS
+            && material.optics.surface.parts().any(|part| self.reaches_coordinates(part as usize, depth + 1))
     }
 
     /// Whether an image can be read. Where it cannot, a warning is enough: models are often handed on without.
     fn is_there(&self, image: usize, sources: &mut Sources) -> bool {
-        let ImageFile { path, location } = &self.images[image];
-        let is_there = sources.has(path);
+        let ImageFile { path, location, source } = &self.images[image];
+        let is_there = !matches!(source, ImageSource::File) || sources.has(path);
         if !is_there {
             let name = one_line(&path.to_string_lossy());
             let other = sources.in_another_case(path).map_or_else(String::new, |other| format!("; there is `{other}`"));
-            let text = format!("there is no image `{name}`; Kd is shown{other}");
+            let text = format!("there is no image `{name}`; the constant is shown{other}");
             sources.note(&Warning { kind: "no such image", location: location.clone(), text });
         }
         is_there
     }
 
-    /// A described material that shows the image `shown`.
+    /// A described material that shows these images. Its parts are still those that are described.
     fn made_of(
         &mut self,
         described: usize,
-        shown: Option<usize>,
+        maps: &[(Parameter, Map)],
         user: &Location,
         sources: &mut Sources,
     ) -> Result<Material, SceneError> {
-        if let Some(image) = shown {
-            self.decode(image, sources)?;
+        let mut shown = Vec::new();
+        for (parameter, map) in maps {
+            if self.is_there(map.image, sources) {
+                self.decode(map.image, encoding(map), sources)?;
+                shown.push((*parameter, *map));
+            }
         }
-        let import::Material { name, location, surface, diffuse, specular, emission, .. } = &self.described[described];
-        // The energy rule holds for the largest value that an image has in each channel.
-        let diffuse = shown.map_or(*diffuse, |image| self.reflectances[&image].brightest());
-        let emits = *emission != Vec3::ZERO;
-        let diffuse = if surface.is_diffuse() && !emits { diffuse } else { Vec3::ZERO };
-        let specular = if surface.is_reflector() && !emits { *specular } else { Vec3::ZERO };
-        let largest = (diffuse + specular).max_element();
+        let import::Material { optics, location, .. } = &self.described[described];
+        let mut made = optics.clone();
+        let scatters = !made.only_emits();
+        if let Some((_, map)) = shown.iter().find(|(parameter, _)| *parameter == Parameter::Diffuse) {
+            let texels = &self.decoded[&(map.image, encoding(map))].rgba;
+            let brightest =
+                texels.iter().fold(Vec3::ZERO, |most, texel| most.max(Vec3::from_slice(texel))) * map.factor;
+            if brightest.max_element() > 1.0 {
+                let location = self.images[map.image].location.clone();
+                let text = "map_Kd is brighter than 1; clamped, as nothing reflects more than it gets".to_owned();
+                sources.note(&Warning { kind: "bright image", location, text });
+            }
+            // The energy rule holds for the largest value that an image has in each channel.
+            made.diffuse = brightest.min(Vec3::ONE);
+        }
+        made.diffuse = if made.surface.is_diffuse() && scatters { made.diffuse } else { Vec3::ZERO };
+        made.specular = if made.surface.is_reflector() && scatters { made.specular } else { Vec3::ZERO };
+        // A Phong BRDF adds its two parts; of all others each is a share of its own.
+        let largest = match made.surface {
+            Surface::Glossy => (made.diffuse + made.specular).max_element(),
+            _ => made.diffuse.max(made.specular).max_element(),
+        };
         let scale = 1.0 / largest.max(1.0);
         if scale < 0.9999 {
             let text = format!(
                 "Kd + Ks of `{}` reaches {:.3} in a channel; both are scaled down to 1",
-                excerpt(name),
+                excerpt(&made.name),
                 1.0 / scale
             );
             sources.note(&Warning { kind: "energy", location: location.as_ref().unwrap_or(user).clone(), text });
         }
-        let material = &self.described[described];
-        Ok(Material {
-            name: material.name.clone(),
-            surface: material.surface,
-            diffuse: diffuse * scale,
-            specular: specular * scale,
-            exponent: material.exponent,
-            ior: material.ior,
-            transmission: material.transmission,
-            emission: material.emission,
-            diffuse_map: shown.map(|image| self.texture(image, scale)),
-        })
+        made.diffuse *= scale;
+        made.specular *= scale;
+        for (parameter, map) in shown {
+            let scale = if parameter == Parameter::Diffuse { scale } else { 1.0 };
+            made.textures[parameter as usize] = Some(self.texture(parameter, &map, scale));
+        }
+        Ok(made)
     }
 
-    /// The index of the texture of a decoded image times `scale`.
-    fn texture(&mut self, image: usize, scale: f32) -> u32 {
-        let known = self.origins.iter().position(|origin| *origin == (image, scale));
-        let index = known.unwrap_or_else(|| {
-            self.origins.push((image, scale));
-            self.textures.push(Texture::of(&self.images[image].path, &self.reflectances[&image], scale));
-            self.textures.len() - 1
-        });
-        index as u32
+    /// The index of the texture that gives a parameter by a decoded image, times `scale`.
+    fn texture(&mut self, parameter: Parameter, map: &Map, scale: f32) -> u32 {
+        let factor = map.factor * scale;
+        let channel = parameter.is_scalar().then_some(map.channel);
+        let response = match map.response {
+            Response::Linear => [0, 0],
+            Response::Squared => [1, 0],
+            Response::Cutoff(least) => [2, least.to_bits()],
+        };
+        let texels: TexelOrigin = (map.image, encoding(map), channel, factor.to_array().map(f32::to_bits), response);
+        let Lookup { transform, wrap, is_smooth } = map.lookup;
+        let origin = (texels, transform.to_cols_array().map(f32::to_bits), wrap, is_smooth);
+        if let Some(known) = self.origins.get(&origin) {
+            return *known;
+        }
+        let shared = self.origins.iter().find(|((other, ..), _)| *other == texels).map(|(_, index)| *index);
+        let Texels { width, height, rgba } = &self.decoded[&(map.image, encoding(map))];
+        // Nothing reflects more than it gets.
+        let most = if parameter == Parameter::Emission || parameter == Parameter::Height { f32::MAX } else { 1.0 };
+        let texel = |rgba: &[f32; 4]| {
+            let colour = match channel {
+                Some(channel) => Vec3::splat(rgba[channel]),
+                None => Vec3::from_slice(rgba),
+            };
+            let values = (colour * map.factor).to_array().map(|value| map.response.of(value).min(most));
+            let [r, g, b] = values.map(|value| f16::from_f32(value * scale));
+            [r, g, b, f16::ONE]
+        };
+        let texels = match shared {
+            Some(index) => Arc::clone(&self.textures[index as usize].texels),
+            None => rgba.iter().map(texel).collect(),
+        };
+        let path = self.images[map.image].path.clone();
+        self.textures.push(Texture { path, width: *width, height: *height, texels, lookup: map.lookup });
+        let index = self.textures.len() as u32 - 1;
+        self.origins.insert(origin, index);
+        index
     }
 
     /// Decodes an image once.
-    fn decode(&mut self, index: usize, sources: &mut Sources) -> Result<(), SceneError> {
-        if self.reflectances.contains_key(&index) {
-            return Ok(());
+    fn decode(&mut self, index: usize, encoding: Encoding, sources: &mut Sources) -> Result<(), SceneError> {
+        if !self.decoded.contains_key(&(index, encoding)) {
+            let texels = decoded(&self.images[index], encoding, sources)?;
+            self.decoded.insert((index, encoding), texels);
         }
-        let file = &self.images[index];
-        let mut image = decoded(file, sources)?;
-        if image.brightest().max_element() > 1.0 {
-            for pixel in &mut image.pixels {
-                *pixel = pixel.min(Vec3::ONE);
-            }
-            let text = "map_Kd is brighter than 1; clamped, as nothing reflects more than it gets".to_owned();
-            sources.note(&Warning { kind: "bright image", location: file.location.clone(), text });
-        }
-        self.reflectances.insert(index, image);
         Ok(())
     }
 }
 
-impl Texture {
-    /// A texture of the pixels of `image` times `scale`.
-    fn of(path: &Path, image: &Image, scale: f32) -> Self {
-        let texel = |pixel: &Vec3| {
-            let [r, g, b] = (*pixel * scale).to_array().map(f16::from_f32);
-            [r, g, b, f16::ONE]
-        };
-        let texels = image.pixels.iter().map(texel).collect();
-        Self { path: path.to_path_buf(), width: image.width, height: image.height, texels }
-    }
+/// How the codes of an image mean the values that it gives.
+fn encoding(map: &Map) -> Encoding {
+    if map.is_raw { Encoding::Raw } else { Encoding::Srgb }
 }

@@ -12,15 +12,15 @@ use self::materials::Materials;
 use super::{
     Camera, Environment, EnvironmentMap, Material, Mesh, Scene,
     error::{Location, SceneError},
-    import::{self, ImageFile, Import},
+    import::{self, ImageFile, ImageSource, Import},
     sources::{Sources, Warning},
     text::one_line,
 };
-use crate::image::{Image, decode_image};
+use crate::image::{Encoding, ImageProblem, Texels, decode_texels};
 
 /// Makes the scene of the file at `path`, from which `import` was read.
 pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Result<Scene, SceneError> {
-    let Import { meshes, materials, images, mut instances, camera, settings, environment } = import;
+    let Import { meshes, materials, images, mut instances, camera, settings, environment, lights } = import;
     let location = Location::file(path);
 
     // Flatten the instances, one mesh after the other.
@@ -36,8 +36,7 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
         if own.is_empty() {
             continue;
         }
-        let transforms = own.iter().map(|instance| &instance.transform);
-        without_area += mesh.add_instances(&imported, transforms, &mut materials, &mut sources)?;
+        without_area += mesh.add_instances(&imported, own.iter(), &mut materials, &mut sources)?;
     }
     if mesh.triangles.is_empty() {
         return Err(location.refuse("no triangle has an area; check scale and the mesh"));
@@ -48,7 +47,8 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
 
     let (materials, textures) = materials.finish();
     let mut environment = decoded_environment(environment, &mut sources)?;
-    let is_dark = matches!(environment, Environment::Black) && !materials.iter().any(Material::is_emitter);
+    let is_dark =
+        matches!(environment, Environment::Black) && lights.is_empty() && !materials.iter().any(Material::is_emitter);
     if is_dark && camera.is_none() {
         environment = Environment::Constant(Vec3::ONE);
         sources.warn(format!("{location}: nothing emits light; lit by a white environment of radiance 1"));
@@ -64,20 +64,21 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
         materials,
         textures,
         environment,
+        lights,
         hash,
         warnings,
     })
 }
 
 fn decoded_environment(environment: import::Environment, sources: &mut Sources) -> Result<Environment, SceneError> {
-    let (file, scale) = match environment {
+    let (file, scale, rotation) = match environment {
         import::Environment::Black => return Ok(Environment::Black),
         import::Environment::Constant(radiance) if radiance == Vec3::ZERO => return Ok(Environment::Black),
         import::Environment::Constant(radiance) => return Ok(Environment::Constant(radiance)),
-        import::Environment::LatLong { image, scale } => (image, scale),
+        import::Environment::LatLong { image, scale, rotation } => (image, scale, rotation),
     };
-    let image = decoded(&file, sources)?;
-    let radiance: Vec<Vec3> = image.pixels.iter().map(|&pixel| pixel * scale).collect();
+    let image = decoded(&file, Encoding::Srgb, sources)?;
+    let radiance: Vec<Vec3> = image.rgba.iter().map(|texel| Vec3::from_slice(texel) * scale).collect();
     if radiance.iter().any(|radiance| !radiance.is_finite()) {
         let problem = format!("radiance overflows times scale {scale}; give a smaller scale");
         return Err(file.location.refuse(problem));
@@ -87,37 +88,43 @@ fn decoded_environment(environment: import::Environment, sources: &mut Sources) 
         return Ok(Environment::Black);
     }
     let (width, height) = (image.width, image.height);
-    Ok(Environment::LatLong(EnvironmentMap { path: file.path, width, height, radiance }))
+    Ok(Environment::LatLong(EnvironmentMap { path: file.path, width, height, radiance, rotation }))
 }
 
-/// Reads an image of radiance or reflectance. Every value is finite and at least 0: what is negative or NaN counts as 0,
-/// what is infinite as the brightest value that is not.
-fn decoded(file: &ImageFile, sources: &mut Sources) -> Result<Image, SceneError> {
+/// Reads an image. Every value is finite and at least 0: what is negative or NaN counts as 0, what is infinite as the
+/// brightest value that is not.
+fn decoded(file: &ImageFile, encoding: Encoding, sources: &mut Sources) -> Result<Texels, SceneError> {
     let name = one_line(&file.path.to_string_lossy());
     let refuse = |problem: String| file.location.refuse(format!("image `{name}` {}", one_line(&problem)));
-    let bytes =
-        sources.read(&file.path).map_err(|error| refuse(format!("cannot be read ({error}); check the name")))?;
-    let mut image =
-        decode_image(&file.path, &bytes).map_err(|problem| refuse(format!("cannot be decoded: {problem}")))?;
-    if image.pixels.is_empty() {
+    let undecodable = |problem: ImageProblem| refuse(format!("cannot be decoded: {problem}"));
+    let mut image = match &file.source {
+        ImageSource::File => {
+            let bytes = sources.read(&file.path);
+            let bytes = bytes.map_err(|error| refuse(format!("cannot be read ({error}); check the name")))?;
+            decode_texels(&file.path, &bytes, encoding).map_err(undecodable)?
+        }
+        ImageSource::Bytes(bytes) => decode_texels(&file.path, bytes, encoding).map_err(undecodable)?,
+        ImageSource::Texels { width, texels } => {
+            let height = texels.len() as u32 / (*width).max(1);
+            Texels { width: *width, height, rgba: texels.clone() }
+        }
+    };
+    if image.rgba.is_empty() {
         return Err(refuse("has no pixels; export it anew".into()));
     }
-    let is_radiance = |pixel: &Vec3| pixel.is_finite() && pixel.min_element() >= 0.0;
-    if let Some(first) = image.pixels.iter().position(|pixel| !is_radiance(pixel)) {
-        let channels = image.pixels.iter().flat_map(|pixel| pixel.to_array());
-        let brightest = channels.filter(|value| value.is_finite()).fold(0.0, f32::max);
+    let is_radiance = |texel: &[f32; 4]| texel.iter().all(|value| value.is_finite() && *value >= 0.0);
+    if let Some(first) = image.rgba.iter().position(|texel| !is_radiance(texel)) {
+        let brightest = image.rgba.iter().flatten().filter(|value| value.is_finite()).copied().fold(0.0, f32::max);
         let mut count = 0;
-        for pixel in image.pixels.iter_mut().filter(|pixel| !is_radiance(pixel)) {
-            *pixel = Vec3::from(
-                pixel.to_array().map(|value| if value.is_nan() { 0.0 } else { value.clamp(0.0, brightest) }),
-            );
+        for texel in image.rgba.iter_mut().filter(|texel| !is_radiance(texel)) {
+            *texel = texel.map(|value| if value.is_nan() { 0.0 } else { value.clamp(0.0, brightest) });
             count += 1;
         }
         let (x, y) = (first % image.width as usize, first / image.width as usize);
         let text = format!(
             "image `{name}`: {count} of {} texels, the first at ({x}, {y}), are negative or not finite; they are taken as 0, \
              or as the brightest",
-            image.pixels.len()
+            image.rgba.len()
         );
         sources.note(&Warning { kind: "texels", location: file.location.clone(), text });
     }
@@ -137,6 +144,7 @@ impl Camera {
             target: centre,
             up: DVec3::Y,
             vfov: VFOV,
+            orthographic: None,
             aperture: 0.0,
             focus: distance,
         }

@@ -7,7 +7,7 @@ use std::{
     str::FromStr,
 };
 
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -40,11 +40,11 @@ pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, Scene
             None => importer.add(&path, &location, sources, &mut import)?,
         };
         known.insert(path, mesh);
-        import.instances.push(Instance { mesh, transform });
+        import.instances.push(Instance { mesh, transform, is_mirrored: false });
     }
     for Override { name, definition } in overrides {
         let mut is_used = false;
-        for material in import.materials.iter_mut().filter(|material| material.name == name) {
+        for material in import.materials.iter_mut().filter(|material| material.optics.name == name) {
             definition.apply(material, &mut import.images);
             is_used = true;
         }
@@ -284,7 +284,7 @@ impl Reader<'_> {
                 eye.distance(target)
             }
         };
-        Ok(Camera { eye, target, up, vfov, aperture, focus })
+        Ok(Camera { eye, target, up, vfov, orthographic: None, aperture, focus })
     }
 
     fn pixels(&self, key: &str, value: &Option<Spanned<i64>>, default: u32) -> Result<u32, SceneError> {
@@ -372,7 +372,7 @@ impl Reader<'_> {
 
     /// A file that is named at `file`, beside the scene file.
     fn image(&self, file: &Spanned<String>) -> ImageFile {
-        ImageFile { path: self.beside(file.get_ref()), location: self.location(&file.span()) }
+        ImageFile::file(self.beside(file.get_ref()), self.location(&file.span()))
     }
 
     fn material(&self, material: &Spanned<String>, raw: &RawMaterial) -> Result<Override, SceneError> {
@@ -417,7 +417,7 @@ impl Reader<'_> {
                 let span = raw.scale.as_ref().map_or(0..0, Spanned::span);
                 let problem = "scale is negative or not finite; give a number of 0 or more";
                 self.require(scale.is_finite() && scale >= 0.0, span, problem)?;
-                Ok(Environment::LatLong { image: self.image(file), scale })
+                Ok(Environment::LatLong { image: self.image(file), scale, rotation: DMat3::IDENTITY })
             }
             (Some(_), Some(file)) => {
                 let problem = "file and radiance exclude each other; remove one";

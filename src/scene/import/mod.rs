@@ -9,11 +9,12 @@ mod mtl;
 mod obj;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DMat3, DVec3, Vec2, Vec3};
 
 use super::{
-    Camera, Surface, Triangle,
+    self as scene, Camera, Light, Lookup, Parameter, Surface, Triangle,
     error::{Location, SceneError},
     sources::{Sources, Warning},
     transform::Transform,
@@ -37,6 +38,8 @@ pub(super) struct Import {
     /// What the file asks of a render, and defaults.
     pub settings: Settings,
     pub environment: Environment,
+    /// Lights that are no surfaces.
+    pub lights: Vec<Light>,
 }
 
 /// A mesh in its own coordinates, indexed per corner.
@@ -50,6 +53,8 @@ pub(super) struct Mesh {
     pub normals: Vec<DVec3>,
     /// Finite.
     pub uvs: Vec<Vec2>,
+    /// By position: linear colours, finite and at least 0, that multiply the diffuse reflectance; empty where it has none.
+    pub colours: Vec<Vec3>,
     /// Triangles, of any area; their materials are those of [`Import::materials`].
     pub triangles: Vec<Triangle>,
 }
@@ -59,38 +64,78 @@ pub(super) struct Mesh {
 pub(super) struct Instance {
     pub mesh: usize,
     pub transform: Transform,
+    /// Whether the transform mirrors the mesh and its triangles keep their fronts nevertheless, in formats that say so.
+    pub is_mirrored: bool,
 }
 
 /// A material as it is described: no energy rule is applied, and what the surface does not show may
 /// have any value in range.
 #[derive(Debug, Clone)]
 pub(super) struct Material {
-    pub name: String,
+    /// Its name, its surface and its constants, each in the range of its field or above 1 where that is at most 1. A blend's
+    /// parts are those of [`Import::materials`]; its textures are not used.
+    pub optics: scene::Material,
     /// Where it is defined, or overridden; `None` where it is nowhere.
     pub location: Option<Location>,
-    pub surface: Surface,
-    /// Diffuse reflectance, each channel at least 0.
-    pub diffuse: Vec3,
-    /// Weight of the Phong lobe or reflectance of the mirror, each channel at least 0.
-    pub specular: Vec3,
-    /// Phong exponent, at least 0.
-    pub exponent: f32,
-    /// Index of refraction inside, greater than 0.
-    pub ior: f32,
-    /// Tint of transmitted light, each channel at least 0.
-    pub transmission: Vec3,
-    /// Radiance emitted from the front, each channel at least 0.
-    pub emission: Vec3,
-    /// Index into [`Import::images`] of what replaces `diffuse` on faces with texture coordinates.
-    pub diffuse_image: Option<usize>,
-    /// Where that image lies on the surface.
-    pub image_place: Place,
+    /// What images give on faces with texture coordinates, in place of the constant.
+    pub maps: Vec<(Parameter, Map)>,
     /// Keys whose values cannot be used.
     pub faults: Vec<Fault>,
     /// Glass that it is to be once its index of refraction is given.
     pub withheld: Option<Surface>,
     /// For a user whose scene uses this material.
     pub warnings: Vec<Warning>,
+}
+
+/// What an image gives of a material: its texels times the factor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Map {
+    /// Index into [`Import::images`].
+    pub image: usize,
+    pub lookup: Lookup,
+    /// Whether the image's codes are linear in the value; else they are sRGB.
+    pub is_raw: bool,
+    /// The channel that gives a number, 0 to 3; means nothing of a colour.
+    pub channel: usize,
+    /// What the texels are multiplied by.
+    pub factor: Vec3,
+    /// What is made of the product.
+    pub response: Response,
+}
+
+/// What is made of a texel times its factor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Response {
+    /// Nothing: it is the value.
+    Linear,
+    /// Its square, as GGX's alpha of a perceptual roughness.
+    Squared,
+    /// 1 from that number on and 0 below it, as of an alpha mask.
+    Cutoff(f32),
+}
+
+impl Response {
+    pub fn of(self, value: f32) -> f32 {
+        match self {
+            Self::Linear => value,
+            Self::Squared => value * value,
+            Self::Cutoff(least) => f32::from(u8::from(value >= least)),
+        }
+    }
+}
+
+impl Map {
+    /// A colour image in sRGB, as it lies.
+    pub fn colour(image: usize) -> Self {
+        Self {
+            image,
+            lookup: Lookup::default(),
+            is_raw: false,
+            channel: 0,
+            factor: Vec3::ONE,
+            response: Response::Linear,
+        }
+    }
 }
 
 /// What is wrong with the value of a key, of account where a surface shows that key.
@@ -104,70 +149,79 @@ pub(super) struct Fault {
 impl Material {
     /// Grey, and nothing else.
     pub fn named(name: &str) -> Self {
-        Self {
-            name: name.to_owned(),
-            location: None,
-            surface: Surface::Glossy,
-            diffuse: Vec3::splat(0.8),
-            specular: Vec3::ZERO,
-            exponent: 1.0,
-            ior: 1.0,
-            transmission: Vec3::ONE,
-            emission: Vec3::ZERO,
-            diffuse_image: None,
-            image_place: Place::default(),
-            faults: Vec::new(),
-            withheld: None,
-            warnings: Vec::new(),
+        let optics = scene::Material { name: name.to_owned(), ..scene::Material::diffuse(Vec3::splat(0.8)) };
+        let (maps, faults, warnings) = Default::default();
+        Self { optics, location: None, maps, faults, withheld: None, warnings }
+    }
+
+    /// What an image gives of that parameter.
+    pub fn map(&self, parameter: Parameter) -> Option<Map> {
+        self.maps.iter().find(|(given, _)| *given == parameter).map(|(_, map)| *map)
+    }
+
+    /// Gives a parameter by an image, or no longer.
+    pub fn set_map(&mut self, parameter: Parameter, map: Option<Map>) {
+        self.maps.retain(|(given, _)| *given != parameter);
+        self.maps.extend(map.map(|map| (parameter, map)));
+    }
+
+    /// What images give that the surface shows.
+    pub fn visible_maps(&self) -> impl Iterator<Item = (Parameter, Map)> {
+        self.maps.iter().copied().filter(|(parameter, _)| self.shows_parameter(*parameter))
+    }
+
+    fn shows_parameter(&self, parameter: Parameter) -> bool {
+        let surface = self.optics.surface;
+        let scatters = !self.optics.only_emits();
+        match parameter {
+            Parameter::Diffuse => scatters && surface.is_diffuse(),
+            Parameter::Specular => scatters && surface.is_reflector(),
+            Parameter::Roughness | Parameter::RoughnessAcross => scatters && surface.may_be_rough(),
+            Parameter::Metalness => scatters && surface == Surface::MetalRough,
+            Parameter::Weight => matches!(surface, Surface::Blend(..)),
+            Parameter::Normal | Parameter::Height => scatters,
+            Parameter::Emission => self.optics.is_emitter(),
         }
     }
 
-    /// The image that the surface shows, where it can show one.
-    pub fn visible_image(&self) -> Option<usize> {
-        self.diffuse_image.filter(|_| self.shows("Kd"))
-    }
-
-    /// Whether the value of a key makes a difference to the surface.
+    /// Whether the value of an MTL key makes a difference to the surface.
     pub fn shows(&self, key: &str) -> bool {
-        let emits = self.emission != Vec3::ZERO;
+        let optics = &self.optics;
+        let scatters = !optics.only_emits();
         match key {
-            "Kd" => self.surface.is_diffuse() && !emits,
-            "Ks" => self.surface.is_reflector() && !emits,
-            "Ns" => self.surface == Surface::Glossy && self.specular != Vec3::ZERO && !emits,
-            "Ni" | "Tf" => self.surface.refracts() && !emits,
+            "Kd" => self.shows_parameter(Parameter::Diffuse),
+            "Ks" => self.shows_parameter(Parameter::Specular),
+            "Ns" => scatters && optics.surface == Surface::Glossy && optics.specular != Vec3::ZERO,
+            "Ni" => scatters && optics.surface.has_index(),
+            "Tf" => scatters && optics.surface.refracts(),
             _ => true,
         }
     }
 }
 
-/// An image file and the line that names it. It is read where a scene shows it.
+/// An image and the line that names it. It is read where a scene shows it.
 #[derive(Debug, Clone)]
 pub(super) struct ImageFile {
+    /// Its file, or a name for people where it is none.
     pub path: PathBuf,
     pub location: Location,
+    pub source: ImageSource,
 }
 
-/// Where an image lies on a surface: at texture coordinates times the scale, and then moved by the offset. Both are finite.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
-    pub scale: Vec2,
-    pub offset: Vec2,
+/// Where the bytes of an image are.
+#[derive(Debug, Clone)]
+pub(super) enum ImageSource {
+    /// In the file that `ImageFile::path` names.
+    File,
+    /// The bytes of a picture in any format, which another file holds.
+    Bytes(Arc<[u8]>),
+    /// The texels themselves, linear: columns, then rows of these from the top.
+    Texels { width: u32, texels: Vec<[f32; 4]> },
 }
 
-impl Default for Place {
-    fn default() -> Self {
-        Self { scale: Vec2::ONE, offset: Vec2::ZERO }
-    }
-}
-
-impl Place {
-    pub fn is_finite(&self) -> bool {
-        self.scale.is_finite() && self.offset.is_finite()
-    }
-
-    /// The texture coordinates of the image at those of the surface.
-    pub fn of(&self, uv: Vec2) -> Vec2 {
-        uv * self.scale + self.offset
+impl ImageFile {
+    pub fn file(path: PathBuf, location: Location) -> Self {
+        Self { path, location, source: ImageSource::File }
     }
 }
 
@@ -177,16 +231,18 @@ pub(super) enum Environment {
     #[default]
     Black,
     Constant(Vec3),
-    /// A lat-long image times a scale.
+    /// A lat-long image times a scale, turned by a rotation.
     LatLong {
         image: ImageFile,
         scale: f32,
+        rotation: DMat3,
     },
 }
 
 /// The index of an image among those of an import, to which it is added where it is new.
 fn index_of_image(images: &mut Vec<ImageFile>, image: &ImageFile) -> usize {
-    let known = images.iter().position(|other| other.path == image.path);
+    let is_same = |other: &ImageFile| matches!(other.source, ImageSource::File) && other.path == image.path;
+    let known = images.iter().position(is_same);
     known.unwrap_or_else(|| {
         images.push(image.clone());
         images.len() - 1
@@ -202,7 +258,7 @@ pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, Scene
         Some("obj") => {
             let mut import = Import::default();
             let mesh = obj::Importer::default().add(path, &location, sources, &mut import)?;
-            import.instances.push(Instance { mesh, transform: Transform::IDENTITY });
+            import.instances.push(Instance { mesh, transform: Transform::IDENTITY, is_mirrored: false });
             Ok(import)
         }
         _ => Err(location.refuse("neither .toml nor .obj; name a scene file or a mesh")),
@@ -245,11 +301,13 @@ mod tests {
     fn materials_are_described_by_their_physics() {
         let import = imported("s.toml");
         let [glass, glossy] = &import.materials[..] else { panic!("those that faces use") };
+        let (glass, glossy) = (&glass.optics, glossy);
         assert_eq!((glass.surface, glass.ior, glass.transmission), (Surface::Dielectric, 1.5, Vec3::splat(0.5)));
-        assert_eq!((glossy.diffuse, glossy.specular, glossy.exponent), (Vec3::splat(0.1), Vec3::splat(0.2), 9.0));
+        let optics = &glossy.optics;
+        assert_eq!((optics.diffuse, optics.specular, optics.exponent), (Vec3::splat(0.1), Vec3::splat(0.2), 9.0));
         // The image is named and not read: nothing says yet that a surface shows it.
-        assert_eq!(glossy.diffuse_image, Some(0));
+        assert_eq!(glossy.map(Parameter::Diffuse), Some(Map::colour(0)));
         assert_eq!(import.images[0].path, Path::new("t.png"));
-        assert_eq!(imported("m.obj").materials[1].exponent, 1.0);
+        assert_eq!(imported("m.obj").materials[1].optics.exponent, 1.0);
     }
 }

@@ -3,11 +3,11 @@
 
 use std::{collections::HashMap, path::Path};
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Affine2, Mat3, Vec2, Vec3};
 
-use super::{Fault, ImageFile, Material, Place, index_of_image};
+use super::{Fault, ImageFile, Map, Material, index_of_image};
 use crate::scene::{
-    Surface,
+    Lookup, Parameter, Surface, Wrap,
     error::Location,
     sources::{Sources, Warning},
     text::{excerpt, file_name, keyword, name, number, statements},
@@ -45,7 +45,7 @@ enum Property {
     Transmission(Vec3),
     Emission(Vec3),
     /// `None` takes the image away that another file gave.
-    DiffuseImage(Option<(ImageFile, Place)>),
+    DiffuseImage(Option<(ImageFile, Lookup)>),
     /// A key whose value cannot be used.
     Unusable(Fault),
     /// Glass that the file asks for and does not describe: the surface is opaque until an index is given.
@@ -111,7 +111,7 @@ impl Definition {
 
     /// Gives the material a diffuse image, or takes one away.
     pub fn set_diffuse_image(&mut self, image: Option<ImageFile>) {
-        self.properties.push(Property::DiffuseImage(image.map(|image| (image, Place::default()))));
+        self.properties.push(Property::DiffuseImage(image.map(|image| (image, Lookup::default()))));
     }
 
     fn warn(&mut self, kind: &'static str, location: &Location, text: impl Into<String>) {
@@ -154,28 +154,31 @@ impl Definition {
         material.warnings.extend_from_slice(&self.warnings);
         for property in &self.properties {
             material.faults.retain(|fault| fault.key != property.key());
+            let optics = &mut material.optics;
             match property {
                 Property::Surface(surface) => {
-                    material.surface = *surface;
+                    optics.surface = *surface;
                     material.withheld = None;
                 }
-                Property::Diffuse(reflectance) => material.diffuse = *reflectance,
-                Property::Specular(reflectance) => material.specular = *reflectance,
-                Property::Exponent(exponent) => material.exponent = *exponent,
+                Property::Diffuse(reflectance) => optics.diffuse = *reflectance,
+                Property::Specular(reflectance) => optics.specular = *reflectance,
+                Property::Exponent(exponent) => optics.exponent = *exponent,
                 Property::Ior(ior) => {
-                    material.ior = *ior;
+                    optics.ior = *ior;
                     // Now it is described.
-                    material.surface = material.withheld.take().unwrap_or(material.surface);
+                    optics.surface = material.withheld.take().unwrap_or(optics.surface);
                 }
-                Property::Transmission(tint) => material.transmission = *tint,
-                Property::Emission(radiance) => material.emission = *radiance,
+                Property::Transmission(tint) => optics.transmission = *tint,
+                Property::Emission(radiance) => optics.emission = *radiance,
                 Property::DiffuseImage(image) => {
-                    material.diffuse_image = image.as_ref().map(|(image, _)| index_of_image(images, image));
-                    material.image_place = image.as_ref().map_or(Place::default(), |(_, place)| *place);
+                    let map = image
+                        .as_ref()
+                        .map(|(image, lookup)| Map { lookup: *lookup, ..Map::colour(index_of_image(images, image)) });
+                    material.set_map(Parameter::Diffuse, map);
                 }
                 Property::Unusable(fault) => material.faults.push(fault.clone()),
                 Property::Withheld(surface) => {
-                    material.surface = Surface::Glossy;
+                    optics.surface = Surface::Glossy;
                     material.withheld = Some(*surface);
                 }
             }
@@ -331,9 +334,15 @@ impl Definition {
     /// Reads `map_Kd`: options, and the name of a file, which may have blanks in it.
     fn read_image(&mut self, text: &str, folder: &Path, location: Location) {
         let mut rest = text;
-        let mut place = Place::default();
+        let (mut scale, mut offset, mut wrap) = (Vec2::ONE, Vec2::ZERO, Wrap::Repeat);
         while let Some((option, least, most)) = OPTIONS.into_iter().find(|(option, ..)| keyword(rest).0 == *option) {
             rest = keyword(rest).1;
+            if option == "-clamp" {
+                let (word, after) = keyword(rest);
+                wrap = if word == "on" { Wrap::Clamp } else { Wrap::Repeat };
+                rest = after;
+                continue;
+            }
             let mut values = Vec::new();
             for _ in 0..most {
                 let (word, after) = keyword(rest);
@@ -348,8 +357,8 @@ impl Definition {
             // Those that are left out are as before.
             let at = |place: usize, otherwise: f32| values.get(place).copied().unwrap_or(otherwise);
             match option {
-                "-s" => place.scale = Vec2::new(at(0, 1.0), at(1, 1.0)),
-                "-o" => place.offset = Vec2::new(at(0, 0.0), at(1, 0.0)),
+                "-s" => scale = Vec2::new(at(0, 1.0), at(1, 1.0)),
+                "-o" => offset = Vec2::new(at(0, 0.0), at(1, 0.0)),
                 _ => self.warn("option of map_Kd", &location, format!("the option {option} of map_Kd is ignored")),
             }
         }
@@ -357,12 +366,14 @@ impl Definition {
             self.warn("image without name", &location, "map_Kd has no file name; Kd is shown");
             return;
         }
-        if !place.is_finite() {
+        if !(scale.is_finite() && offset.is_finite()) {
             self.warn("option of map_Kd", &location, "-s or -o of map_Kd is not finite and is ignored");
-            place = Place::default();
+            (scale, offset) = (Vec2::ONE, Vec2::ZERO);
         }
-        let image = ImageFile { path: folder.join(file_name(rest)), location };
-        self.properties.push(Property::DiffuseImage(Some((image, place))));
+        let transform = Affine2::from_scale_angle_translation(scale, 0.0, offset);
+        let image = ImageFile::file(folder.join(file_name(rest)), location);
+        let lookup = Lookup { transform, wrap, ..Lookup::default() };
+        self.properties.push(Property::DiffuseImage(Some((image, lookup))));
     }
 }
 

@@ -57,7 +57,7 @@ impl Importer {
         }
         self.add_materials(path, &faces, sources, import)?;
         let Vertices { positions, uvs, normals, .. } = vertices;
-        import.meshes.push(Mesh { location, positions, normals, uvs, triangles: faces.triangles });
+        import.meshes.push(Mesh { location, positions, normals, uvs, colours: Vec::new(), triangles: faces.triangles });
         Ok(import.meshes.len() - 1)
     }
 

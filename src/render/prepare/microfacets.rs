@@ -1,0 +1,213 @@
+//! What kernels look up of microfacets instead of integrating it at each vertex: the light that one scattering loses, what
+//! a rough coat lets through, and means of reflectances.
+
+use std::collections::HashMap;
+
+use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::constants::TABLE_SIZE;
+use crate::scene::{Material, Surface};
+
+/// Tables in the words of the texture buffer.
+///
+/// A table has rows of equal steps of the root of a roughness from 0 to 1, in each of them equal steps of the root of a
+/// cosine. A word holds a value and its right neighbour as `f32`, so that two words are enough for bilinear interpolation.
+/// Behind its rows are as many words of the mean of each, weighted by the cosine, and of the next.
+pub(super) struct Tables<'a> {
+    words: &'a mut Vec<[u32; 2]>,
+    /// Where each begins, by what it is of.
+    known: HashMap<Subject, u32>,
+}
+
+/// What a table is of. Indices of refraction are by their bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Subject {
+    /// Light lost by microfacets that reflect everything.
+    Mirrors,
+    /// Light lost by microfacets of a dielectric, from outside; those from inside come behind it.
+    Glass(u32),
+    /// Light that microfacets of a dielectric let through from outside.
+    Coat(u32),
+}
+
+impl<'a> Tables<'a> {
+    /// Tables that are added to those words.
+    pub fn new(words: &'a mut Vec<[u32; 2]>) -> Self {
+        Self { words, known: HashMap::new() }
+    }
+
+    /// One more than the place of the table that the kernels look up for a material; 0 for none.
+    pub fn place(&mut self, material: &Material) -> u32 {
+        let index = material.ior.to_bits();
+        let subject = match material.surface {
+            _ if !material.is_rough() => return 0,
+            Surface::Conductor | Surface::MetalRough if material.compensates => Subject::Mirrors,
+            Surface::Dielectric if material.compensates => Subject::Glass(index),
+            Surface::Plastic { .. } => Subject::Coat(index),
+            _ => return 0,
+        };
+        if let Some(place) = self.known.get(&subject) {
+            return place + 1;
+        }
+        let place = self.words.len() as u32;
+        let eta = f64::from(material.ior);
+        match subject {
+            Subject::Mirrors => self.add(|cosine, alpha| 1.0 - scattered(cosine, alpha, |_| 1.0)),
+            Subject::Glass(_) => {
+                self.add(|cosine, alpha| 1.0 - through_or_back(cosine, alpha, eta));
+                self.add(|cosine, alpha| 1.0 - through_or_back(cosine, alpha, 1.0 / eta));
+            }
+            Subject::Coat(_) => {
+                self.add(|cosine, alpha| 1.0 - scattered(cosine, alpha, |cosine| reflectance(cosine, eta)));
+            }
+        }
+        self.known.insert(subject, place);
+        place + 1
+    }
+
+    /// Adds a table of a function of the cosine and the roughness.
+    fn add(&mut self, value: impl Fn(f64, f64) -> f64 + Sync) {
+        let size = TABLE_SIZE as usize;
+        let at = |step: usize| (step as f64 / (size - 1) as f64).powi(2);
+        let rows: Vec<Vec<f64>> = (0..size)
+            .into_par_iter()
+            .map(|row| (0..size).map(|column| value(at(column).max(1e-4), at(row).max(1e-6)).max(0.0)).collect())
+            .collect();
+        let pair = |values: &[f64], place: usize| {
+            [values[place], values[(place + 1).min(size - 1)]].map(|value| (value as f32).to_bits())
+        };
+        for row in &rows {
+            self.words.extend((0..size).map(|column| pair(row, column)));
+        }
+        let means: Vec<f64> = rows.iter().map(|row| mean(|cosine| interpolated(row, cosine))).collect();
+        self.words.extend((0..size).map(|row| pair(&means, row)));
+    }
+}
+
+/// A row at a cosine, as the kernels interpolate it.
+fn interpolated(row: &[f64], cosine: f64) -> f64 {
+    let at = cosine.sqrt() * (row.len() - 1) as f64;
+    let left = (at as usize).min(row.len() - 2);
+    row[left] + (row[left + 1] - row[left]) * (at - left as f64)
+}
+
+/// The mean of a function of the cosine over directions, weighted by the cosine.
+fn mean(value: impl Fn(f64) -> f64) -> f64 {
+    const STEPS: usize = 1024;
+    // The cosine's square is uniform.
+    let at = |step: usize| ((step as f64 + 0.5) / STEPS as f64).sqrt();
+    (0..STEPS).map(|step| value(at(step))).sum::<f64>() / STEPS as f64
+}
+
+/// Reflectance of unpolarised light at a dielectric. `eta` is the index beyond over the index before. (Fresnel 1823)
+pub(super) fn reflectance(cosine: f64, eta: f64) -> f64 {
+    let squared = (eta - 1.0) * (eta + 1.0) + cosine * cosine;
+    if squared <= 0.0 {
+        return 1.0;
+    }
+    let beyond = squared.sqrt() / eta;
+    let perpendicular = (cosine - eta * beyond) / (cosine + eta * beyond);
+    let parallel = (eta * cosine - beyond) / (eta * cosine + beyond);
+    0.5 * (perpendicular * perpendicular + parallel * parallel)
+}
+
+/// Reflectance of unpolarised light at a metal of the index eta + i k. (Born and Wolf, Principles of Optics, 14.2)
+fn metal_reflectance(cosine: f64, eta: f64, k: f64) -> f64 {
+    let cosine2 = cosine * cosine;
+    let sine2 = 1.0 - cosine2;
+    let difference = eta * eta - k * k - sine2;
+    let a2_plus_b2 = (difference * difference + 4.0 * eta * eta * k * k).sqrt();
+    let a = (0.5 * (a2_plus_b2 + difference)).max(0.0).sqrt();
+    let (plus, minus) = (a2_plus_b2 + cosine2, 2.0 * a * cosine);
+    let perpendicular = (plus - minus) / (plus + minus);
+    let (plus, minus) = (cosine2 * a2_plus_b2 + sine2 * sine2, minus * sine2);
+    perpendicular * (0.5 + 0.5 * (plus - minus) / (plus + minus))
+}
+
+/// Share of diffuse light inside a coat that its surface reflects. With microfacets it is the mean over their albedo.
+pub(super) fn inner_reflectance(material: &Material) -> f32 {
+    let eta = 1.0 / f64::from(material.ior);
+    let alpha = f64::from(material.roughness.max_element());
+    let inner = match material.surface {
+        Surface::Plastic { .. } if material.is_rough() && alpha > 0.01 => {
+            mean_of_few(|cosine| scattered(cosine, alpha, |cosine| reflectance(cosine, eta)))
+        }
+        Surface::Plastic { .. } => mean(|cosine| reflectance(cosine, eta)),
+        _ => 0.0,
+    };
+    inner as f32
+}
+
+/// As [`mean`], of a function that takes long.
+fn mean_of_few(value: impl Fn(f64) -> f64) -> f64 {
+    const STEPS: usize = 64;
+    let at = |step: usize| ((step as f64 + 0.5) / STEPS as f64).sqrt();
+    (0..STEPS).map(|step| value(at(step))).sum::<f64>() / STEPS as f64
+}
+
+/// Mean reflectance of a metal's microfacets, weighted by the cosine.
+pub(super) fn mean_reflectance(material: &Material) -> Vec3 {
+    if material.surface != Surface::Conductor {
+        return Vec3::ZERO;
+    }
+    let channel = |eta: f32, k: f32| mean(|cosine| metal_reflectance(cosine, f64::from(eta), f64::from(k))) as f32;
+    let (eta, k) = (material.eta, material.absorption);
+    material.specular * Vec3::new(channel(eta.x, k.x), channel(eta.y, k.y), channel(eta.z, k.z))
+}
+
+/// Points of the unit square that stand for it.
+fn points() -> impl Iterator<Item = DVec2> {
+    const STEPS: usize = 40;
+    (0..STEPS * STEPS).map(|i| DVec2::new((i / STEPS) as f64 + 0.5, (i % STEPS) as f64 + 0.5) / STEPS as f64)
+}
+
+/// Smith's masking by GGX microfacets.
+fn unmasked(cosine: f64, alpha: f64) -> f64 {
+    let cosine = cosine.abs();
+    2.0 * cosine / (cosine + (alpha * alpha * (1.0 - cosine * cosine) + cosine * cosine).sqrt())
+}
+
+/// A microfacet's normal as a direction sees them. (Dupuy and Benyoub 2023, Sampling Visible GGX Normals with Spherical Caps)
+fn visible_normal(wo: DVec3, alpha: f64, u: DVec2) -> DVec3 {
+    let stretched = DVec3::new(wo.x * alpha, wo.y * alpha, wo.z).normalize();
+    let z = (1.0 - u.y) * (1.0 + stretched.z) - stretched.z;
+    let across = DVec2::from_angle(std::f64::consts::TAU * u.x) * (1.0 - z * z).max(0.0).sqrt();
+    let h = across.extend(z) + stretched;
+    DVec3::new(h.x * alpha, h.y * alpha, h.z.max(1e-12)).normalize()
+}
+
+fn direction_at(cosine: f64) -> DVec3 {
+    DVec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine)
+}
+
+/// Albedo of microfacets of a reflectance, by one scattering.
+fn scattered(cosine: f64, alpha: f64, reflectance: impl Fn(f64) -> f64) -> f64 {
+    let wo = direction_at(cosine);
+    let values = points().map(|u| {
+        let m = visible_normal(wo, alpha, u);
+        let on_facet = wo.dot(m).max(0.0);
+        let wi = 2.0 * on_facet * m - wo;
+        if wi.z > 0.0 { reflectance(on_facet) * unmasked(wi.z, alpha) } else { 0.0 }
+    });
+    values.sum::<f64>() / points().count() as f64
+}
+
+/// Share of light that microfacets of a dielectric reflect or let through, by one scattering.
+fn through_or_back(cosine: f64, alpha: f64, eta: f64) -> f64 {
+    let wo = direction_at(cosine);
+    let values = points().map(|u| {
+        let m = visible_normal(wo, alpha, u);
+        let on_facet = wo.dot(m).max(0.0);
+        let reflected = 2.0 * on_facet * m - wo;
+        let share = reflectance(on_facet, eta);
+        let back = if reflected.z > 0.0 { share * unmasked(reflected.z, alpha) } else { 0.0 };
+        let squared = (eta - 1.0) * (eta + 1.0) + on_facet * on_facet;
+        let beyond = squared.max(0.0).sqrt() / eta;
+        let refracted = (on_facet / eta - beyond) * m - wo / eta;
+        let through =
+            if squared > 0.0 && refracted.z < 0.0 { (1.0 - share) * unmasked(refracted.z, alpha) } else { 0.0 };
+        back + through
+    });
+    values.sum::<f64>() / points().count() as f64
+}
