@@ -1,15 +1,18 @@
-//! Formats of integer codes, which stand for sRGB signals: PNG, JPEG, TGA and BMP.
+//! Formats of integer codes: PNG, JPEG, TGA and BMP.
 
 use std::io::{self, BufWriter, Cursor, Write};
 
 use ::image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
-use glam::Vec3;
 
-use super::{Image, ImageProblem, limits::check_size, srgb};
+use super::{Encoding, Image, ImageProblem, Texels, limits::check_size, srgb};
 
-/// Reads codes of 8 or 16 bits, taken as sRGB whatever the file's colour profile says. Alpha is
-/// ignored. `name` is what messages call the format.
-pub fn decode(name: &'static str, format: ImageFormat, bytes: &[u8]) -> Result<Image, ImageProblem> {
+/// Reads codes of 8 or 16 bits, whatever the file's colour profile says. `name` is what messages call the format.
+pub fn decode(
+    name: &'static str,
+    format: ImageFormat,
+    bytes: &[u8],
+    encoding: Encoding,
+) -> Result<Texels, ImageProblem> {
     let damaged = |error: ::image::ImageError| ImageProblem::decode(name, error);
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     // What is too large is refused below, by the number of its pixels.
@@ -18,10 +21,17 @@ pub fn decode(name: &'static str, format: ImageFormat, bytes: &[u8]) -> Result<I
     let (width, height) = decoder.dimensions();
     check_size(width.into(), height.into())?;
     // 8-bit codes become 16-bit codes by * 257, so code / largest code stays the same number.
-    let codes = DynamicImage::from_decoder(decoder).map_err(damaged)?.into_rgb16();
-    let linear = srgb::decoded_codes();
-    let pixels = codes.pixels().map(|pixel| Vec3::from(pixel.0.map(|code| linear[usize::from(code)])));
-    Ok(Image::new(width, height, pixels.collect()))
+    let codes = DynamicImage::from_decoder(decoder).map_err(damaged)?.into_rgba16();
+    let share = |code: u16| f32::from(code) / f32::from(u16::MAX);
+    let rgba = match encoding {
+        Encoding::Srgb => {
+            let linear = srgb::decoded_codes();
+            let light = |code: u16| linear[usize::from(code)];
+            codes.pixels().map(|pixel| pixel.0).map(|[r, g, b, a]| [light(r), light(g), light(b), share(a)]).collect()
+        }
+        Encoding::Raw => codes.pixels().map(|pixel| pixel.0.map(share)).collect(),
+    };
+    Ok(Texels { width, height, rgba })
 }
 
 /// Writes an 8-bit sRGB PNG of radiance * 2^exposure, a row at a time.

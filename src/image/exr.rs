@@ -23,9 +23,8 @@ use exr::{
     },
     prelude::{ReadChannels, ReadLayers},
 };
-use glam::Vec3;
 
-use super::{Image, ImageProblem, limits::check_size};
+use super::{Image, ImageProblem, Texels, limits::check_size};
 
 /// What the format is called in messages.
 pub(super) const NAME: &str = "EXR";
@@ -170,9 +169,9 @@ fn read_name(reader: &mut impl BufRead) -> io::Result<String> {
 }
 
 /// Reads colour from the first part that has any; `f16`, `f32` and `u32` channels, any lossless or
-/// lossy compression, scanlines or tiles. The data window becomes the image. Alpha and all other
-/// channels are ignored.
-pub fn decode(bytes: &[u8]) -> Result<Image, ImageProblem> {
+/// lossy compression, scanlines or tiles. The data window becomes the image. Channels other than colour and alpha are
+/// ignored.
+pub fn decode(bytes: &[u8]) -> Result<Texels, ImageProblem> {
     let damaged = |error: exr::error::Error| ImageProblem::decode(NAME, error);
     // The header first: it is small, and says whether the rest fits into memory.
     let meta = MetaData::read_from_buffered(bytes, false).map_err(damaged)?;
@@ -189,11 +188,16 @@ pub fn decode(bytes: &[u8]) -> Result<Image, ImageProblem> {
         .map_err(damaged)?;
 
     for layer in &file.layer_data {
-        if let Some(colour) = colour_channels(&layer.channel_data) {
-            let [mut r, mut g, mut b] = colour.map(|channel| channel.sample_data.values_as_f32());
-            let pixels: Vec<Vec3> = std::iter::from_fn(|| Some(Vec3::new(r.next()?, g.next()?, b.next()?))).collect();
+        if let Some(Colour { rgb, alpha }) = Colour::among(&layer.channel_data) {
+            let [mut r, mut g, mut b] = rgb.map(|channel| channel.sample_data.values_as_f32());
+            let mut a = alpha.map(|channel| channel.sample_data.values_as_f32());
+            let texel = || {
+                let alpha = a.as_mut().map_or(Some(1.0), Iterator::next);
+                Some([r.next()?, g.next()?, b.next()?, alpha?])
+            };
             let Vec2(width, height) = layer.size;
-            return Ok(Image::new(width as u32, height as u32, pixels));
+            let rgba = std::iter::from_fn(texel).collect();
+            return Ok(Texels { width: width as u32, height: height as u32, rgba });
         }
     }
     let names = file.layer_data.iter().flat_map(|layer| {
@@ -203,29 +207,38 @@ pub fn decode(bytes: &[u8]) -> Result<Image, ImageProblem> {
     Err(ImageProblem::NoColour { channels: names.collect::<Vec<_>>().join(", ") })
 }
 
-/// The channels that hold red, green and blue: `R`, `G`, `B`; else luminance `Y` for all three;
-/// else the group `name.R`, `name.G`, `name.B`, if there is just one: among several, the radiance
-/// and some albedo cannot be told apart.
-fn colour_channels(channels: &AnyChannels<FlatSamples>) -> Option<[&AnyChannel<FlatSamples>; 3]> {
-    let find = |name: &str| {
-        let mut list = channels.list.iter();
-        // A subsampled channel has fewer values than pixels.
-        list.find(|channel| channel.name == *name && channel.sampling == Vec2(1, 1))
-    };
-    let group =
-        |prefix: &str| Some([find(&format!("{prefix}R"))?, find(&format!("{prefix}G"))?, find(&format!("{prefix}B"))?]);
-    let luminance = || {
-        // With these, Y is one component of a colour: of CIE XYZ, or of luminance and chroma.
-        let has = |name: &&str| channels.list.iter().any(|channel| channel.name == **name);
-        let is_luminance = !["X", "Z", "RY", "BY"].iter().any(has);
-        find("Y").filter(|_| is_luminance).map(|y| [y; 3])
-    };
-    let only_group = || {
-        let mut groups = channels.list.iter().filter_map(|channel| {
-            let name = channel.name.to_string();
-            group(name.strip_suffix('R').filter(|name| name.ends_with('.'))?)
-        });
-        groups.next().filter(|_| groups.next().is_none())
-    };
-    group("").or_else(luminance).or_else(only_group)
+/// The channels that hold a colour and its alpha.
+struct Colour<'a> {
+    rgb: [&'a AnyChannel<FlatSamples>; 3],
+    alpha: Option<&'a AnyChannel<FlatSamples>>,
+}
+
+impl<'a> Colour<'a> {
+    /// `R`, `G`, `B`; else luminance `Y` for all three; else the group `name.R`, `name.G`, `name.B`, if there is just
+    /// one: among several, the radiance and some albedo cannot be told apart. Alpha is the `A` beside them.
+    fn among(channels: &'a AnyChannels<FlatSamples>) -> Option<Self> {
+        let find = |name: &str| {
+            let mut list = channels.list.iter();
+            // A subsampled channel has fewer values than pixels.
+            list.find(|channel| channel.name == *name && channel.sampling == Vec2(1, 1))
+        };
+        let group = |prefix: &str| {
+            let channel = |name: &str| find(&format!("{prefix}{name}"));
+            Some(Self { rgb: [channel("R")?, channel("G")?, channel("B")?], alpha: channel("A") })
+        };
+        let luminance = || {
+            // With these, Y is one component of a colour: of CIE XYZ, or of luminance and chroma.
+            let has = |name: &&str| channels.list.iter().any(|channel| channel.name == **name);
+            let is_luminance = !["X", "Z", "RY", "BY"].iter().any(has);
+            find("Y").filter(|_| is_luminance).map(|y| Self { rgb: [y; 3], alpha: find("A") })
+        };
+        let only_group = || {
+            let mut groups = channels.list.iter().filter_map(|channel| {
+                let name = channel.name.to_string();
+                group(name.strip_suffix('R').filter(|name| name.ends_with('.'))?)
+            });
+            groups.next().filter(|_| groups.next().is_none())
+        };
+        group("").or_else(luminance).or_else(only_group)
+    }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use ::image::ImageFormat;
 
-use super::{Image, ImageError, ImageProblem, codes, exr, format::Format, rgbe};
+use super::{Encoding, Image, ImageError, ImageProblem, Texels, codes, exr, format::Format, rgbe};
 use crate::whole_file;
 
 /// How an image becomes a file.
@@ -114,7 +114,7 @@ pub fn read_image(path: &Path) -> Result<Image, ImageError> {
     let read = || {
         let format = Format::of_input(path)?;
         let bytes = fs::read(path).map_err(|cause| ImageProblem::Open { cause })?;
-        decode(format, &bytes)
+        decode(format, &bytes, Encoding::Srgb).map(Image::from)
     };
     read().map_err(|problem| problem.at(path))
 }
@@ -127,18 +127,28 @@ pub fn read_image(path: &Path) -> Result<Image, ImageError> {
 ///
 /// As [`read_image`], as far as they do not concern the disk.
 pub fn decode_image(path: &Path, bytes: &[u8]) -> Result<Image, ImageProblem> {
-    let format = Format::of_contents(bytes).or_else(|| Format::of_name(path));
-    decode(format.ok_or(ImageProblem::UnknownContents)?, bytes)
+    decode_texels(path, bytes, Encoding::Srgb).map(Image::from)
 }
 
-fn decode(format: Format, bytes: &[u8]) -> Result<Image, ImageProblem> {
+/// Decodes the contents of an image file as [`decode_image`] does, with its alpha, and with integer codes taken for what
+/// `encoding` says.
+///
+/// # Errors
+///
+/// As [`decode_image`].
+pub fn decode_texels(path: &Path, bytes: &[u8], encoding: Encoding) -> Result<Texels, ImageProblem> {
+    let format = Format::of_contents(bytes).or_else(|| Format::of_name(path));
+    decode(format.ok_or(ImageProblem::UnknownContents)?, bytes, encoding)
+}
+
+fn decode(format: Format, bytes: &[u8], encoding: Encoding) -> Result<Texels, ImageProblem> {
     match format {
         Format::Exr => exr::decode(bytes),
         Format::Hdr => rgbe::decode(bytes),
-        Format::Png => codes::decode("PNG", ImageFormat::Png, bytes),
-        Format::Jpeg => codes::decode("JPEG", ImageFormat::Jpeg, bytes),
-        Format::Tga => codes::decode("TGA", ImageFormat::Tga, bytes),
-        Format::Bmp => codes::decode("BMP", ImageFormat::Bmp, bytes),
+        Format::Png => codes::decode("PNG", ImageFormat::Png, bytes, encoding),
+        Format::Jpeg => codes::decode("JPEG", ImageFormat::Jpeg, bytes, encoding),
+        Format::Tga => codes::decode("TGA", ImageFormat::Tga, bytes, encoding),
+        Format::Bmp => codes::decode("BMP", ImageFormat::Bmp, bytes, encoding),
     }
 }
 

@@ -25,12 +25,16 @@ mod format;
 mod limits;
 mod rgbe;
 pub mod srgb;
+mod texels;
 
 use glam::Vec3;
 
 pub use error::{ImageError, ImageProblem};
-pub use files::{WriteOptions, check_output, decode_image, image_bytes, read_image, read_metadata, write_image};
+pub use files::{
+    WriteOptions, check_output, decode_image, decode_texels, image_bytes, read_image, read_metadata, write_image,
+};
 pub use limits::MAX_PIXELS;
+pub use texels::{Encoding, Texels};
 
 /// An image of linear radiance, Rec. 709 primaries.
 #[derive(Debug, Clone, PartialEq)]

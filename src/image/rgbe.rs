@@ -8,7 +8,7 @@ use std::io::{self, Write};
 use ::image::{DynamicImage, ImageDecoder, codecs::hdr::HdrDecoder};
 use glam::Vec3;
 
-use super::{Image, ImageProblem, limits::check_size};
+use super::{Image, ImageProblem, Texels, limits::check_size};
 
 /// Largest exponent byte. The stored value is mantissa * 2^(exponent - 136).
 const MAX_EXPONENT: i32 = 255;
@@ -46,8 +46,9 @@ fn mantissa(light: f64, exponent: i32) -> f64 {
     (light * f64::exp2(f64::from(136 - exponent))).round()
 }
 
-/// Reads a Radiance file, flat or run-length coded, and divides its `EXPOSURE` out.
-pub fn decode(bytes: &[u8]) -> Result<Image, ImageProblem> {
+/// Reads a Radiance file, flat or run-length coded, and divides its `EXPOSURE` and `COLORCORR` out. Where such a line comes
+/// several times, all of them count.
+pub fn decode(bytes: &[u8]) -> Result<Texels, ImageProblem> {
     let damaged = |cause: String| ImageProblem::decode("Radiance HDR", cause);
     if !bytes.starts_with(b"#?") {
         return Err(damaged("it does not begin with #?RADIANCE".into()));
@@ -56,12 +57,42 @@ pub fn decode(bytes: &[u8]) -> Result<Image, ImageProblem> {
     let decoder = HdrDecoder::new_nonstrict(bytes).map_err(|error| damaged(error.to_string()))?;
     let (width, height) = decoder.dimensions();
     check_size(width.into(), height.into())?;
-    let exposure = decoder.metadata().exposure.unwrap_or(1.0);
-    let pixels = DynamicImage::from_decoder(decoder)
+    let metadata = decoder.metadata();
+    let correction = metadata.color_correction.map_or(Vec3::ONE, Vec3::from);
+    let exposure = metadata.exposure.unwrap_or(1.0) * correction;
+    if !exposure.is_finite() || exposure.min_element() <= 0.0 {
+        return Err(damaged(format!("its EXPOSURE and COLORCORR multiply to {exposure}, which is not above 0")));
+    }
+    let rgba = DynamicImage::from_decoder(decoder)
         .map_err(|error| damaged(error.to_string()))?
         .into_rgb32f()
         .pixels()
-        .map(|pixel| Vec3::from(pixel.0) / exposure)
+        .map(|pixel| (Vec3::from(pixel.0) / exposure).extend(1.0).to_array())
         .collect();
-    Ok(Image::new(width, height, pixels))
+    Ok(Texels { width, height, rgba })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn decoded(header: &str) -> Result<[f32; 4], ImageProblem> {
+        let head = format!("{header}FORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n");
+        decode(&[head.as_bytes(), b"\x80\x40\x20\x81"].concat()).map(|texels| texels.rgba[0])
+    }
+
+    #[test]
+    fn what_an_image_was_multiplied_by_is_divided_out() {
+        assert_eq!(decoded("#?RADIANCE\n").unwrap(), [1.0, 0.5, 0.25, 1.0]);
+        let both = "#?RGBE\n# EXPOSURE=9\nEXPOSURE=2\nEXPOSURE= 4.0 \nCOLORCORR=1 0.5 0.25\n";
+        assert_eq!(decoded(both).unwrap(), [0.125, 0.125, 0.125, 1.0]);
+    }
+
+    #[test]
+    fn an_exposure_of_nothing_is_refused() {
+        for line in ["EXPOSURE=0\n", "EXPOSURE=inf\n", "EXPOSURE=-1\n", "COLORCORR=1 0 1\n"] {
+            let problem = decoded(&format!("#?RADIANCE\n{line}")).expect_err(line);
+            assert!(problem.to_string().contains("EXPOSURE and COLORCORR"), "{problem}");
+        }
+    }
 }
