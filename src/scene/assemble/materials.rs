@@ -26,16 +26,16 @@ pub(super) struct Materials {
     made: Vec<Material>,
     /// Where the image of each lies on its surfaces.
     places: Vec<Place>,
-    /// The image of each texture and the factor that the energy rule asks for.
-    origins: Vec<(usize, f32)>,
+    /// The texture of an image times the factor that the energy rule asks for, by its bits.
+    known_textures: HashMap<(usize, u32), u32>,
     textures: Vec<Texture>,
 }
 
 impl Materials {
     pub fn new(described: Vec<import::Material>, images: Vec<ImageFile>) -> Self {
         let known = vec![[None; 2]; described.len()];
-        let (reflectances, made, places, origins, textures) = Default::default();
-        Self { described, images, reflectances, known, made, places, origins, textures }
+        let (reflectances, made, places, known_textures, textures) = Default::default();
+        Self { described, images, reflectances, known, made, places, known_textures, textures }
     }
 
     /// What was made so far.
@@ -100,10 +100,13 @@ impl Materials {
         let ImageFile { path, location } = &self.images[image];
         let is_there = sources.has(path);
         if !is_there {
+            const KIND: &str = "no such image";
             let name = one_line(&path.to_string_lossy());
-            let other = sources.in_another_case(path).map_or_else(String::new, |other| format!("; there is `{other}`"));
+            // Only the first is shown, and a folder is long to read.
+            let other = if sources.has_noted(KIND) { None } else { sources.in_another_case(path) };
+            let other = other.map_or_else(String::new, |other| format!("; there is `{other}`"));
             let text = format!("there is no image `{name}`; Kd is shown{other}");
-            sources.note(&Warning { kind: "no such image", location: location.clone(), text });
+            sources.note(&Warning { kind: KIND, location: location.clone(), text });
         }
         is_there
     }
@@ -151,13 +154,10 @@ impl Materials {
 
     /// The index of the texture of a decoded image times `scale`.
     fn texture(&mut self, image: usize, scale: f32) -> u32 {
-        let known = self.origins.iter().position(|origin| *origin == (image, scale));
-        let index = known.unwrap_or_else(|| {
-            self.origins.push((image, scale));
+        *self.known_textures.entry((image, scale.to_bits())).or_insert_with(|| {
             self.textures.push(Texture::of(&self.images[image].path, &self.reflectances[&image], scale));
-            self.textures.len() - 1
-        });
-        index as u32
+            self.textures.len() as u32 - 1
+        })
     }
 
     /// Decodes an image once.

@@ -8,7 +8,10 @@ mod document;
 mod mtl;
 mod obj;
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+};
 
 use glam::{DVec3, Vec2, Vec3};
 
@@ -29,7 +32,7 @@ pub(super) struct Import {
     pub meshes: Vec<Mesh>,
     /// Meshes need not use all of them.
     pub materials: Vec<Material>,
-    pub images: Vec<ImageFile>,
+    pub images: Images,
     pub instances: Vec<Instance>,
     /// `None` where the file has meshes and nothing else: then they are seen whole, and lit where
     /// nothing emits light.
@@ -81,7 +84,7 @@ pub(super) struct Material {
     pub transmission: Vec3,
     /// Radiance emitted from the front, each channel at least 0.
     pub emission: Vec3,
-    /// Index into [`Import::images`] of what replaces `diffuse` on faces with texture coordinates.
+    /// Index among the files of [`Import::images`] of what replaces `diffuse` on faces with texture coordinates.
     pub diffuse_image: Option<usize>,
     /// Where that image lies on the surface.
     pub image_place: Place,
@@ -147,6 +150,24 @@ pub(super) struct ImageFile {
     pub location: Location,
 }
 
+/// The image files that materials name, each once.
+#[derive(Debug, Default)]
+pub(super) struct Images {
+    pub files: Vec<ImageFile>,
+    indices: HashMap<PathBuf, usize>,
+}
+
+impl Images {
+    /// The index of an image, which is added where it is new.
+    fn index_of(&mut self, image: &ImageFile) -> usize {
+        let index = *self.indices.entry(image.path.clone()).or_insert(self.files.len());
+        if index == self.files.len() {
+            self.files.push(image.clone());
+        }
+        index
+    }
+}
+
 /// Where an image lies on a surface: at texture coordinates times the scale, and then moved by the offset. Both are finite.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
@@ -182,15 +203,6 @@ pub(super) enum Environment {
         image: ImageFile,
         scale: f32,
     },
-}
-
-/// The index of an image among those of an import, to which it is added where it is new.
-fn index_of_image(images: &mut Vec<ImageFile>, image: &ImageFile) -> usize {
-    let known = images.iter().position(|other| other.path == image.path);
-    known.unwrap_or_else(|| {
-        images.push(image.clone());
-        images.len() - 1
-    })
 }
 
 /// Imports a file by the importer that the extension of its name stands for.
@@ -249,7 +261,7 @@ mod tests {
         assert_eq!((glossy.diffuse, glossy.specular, glossy.exponent), (Vec3::splat(0.1), Vec3::splat(0.2), 9.0));
         // The image is named and not read: nothing says yet that a surface shows it.
         assert_eq!(glossy.diffuse_image, Some(0));
-        assert_eq!(import.images[0].path, Path::new("t.png"));
+        assert_eq!(import.images.files[0].path, Path::new("t.png"));
         assert_eq!(imported("m.obj").materials[1].exponent, 1.0);
     }
 }
