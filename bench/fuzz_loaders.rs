@@ -235,6 +235,13 @@ fn peak_memory() -> u64 {
     line.and_then(|line| line.split_whitespace().next()?.parse().ok()).unwrap_or(0)
 }
 
+/// A load that has begun.
+struct Loading {
+    start: Instant,
+    file: PathBuf,
+    bytes: Vec<u8>,
+}
+
 fn load(kind: Kind, file: &Path, folder: &Path, bytes: &[u8]) {
     match kind {
         Kind::Scene(_) => drop(Scene::load(&folder.join("s.toml"))),
@@ -260,12 +267,12 @@ fn main() -> anyhow::Result<()> {
     }
 
     // What a load does not come back from is told by another thread.
-    let loading: Arc<Mutex<Option<(Instant, PathBuf, Vec<u8>)>>> = Arc::default();
+    let loading: Arc<Mutex<Option<Loading>>> = Arc::default();
     let watched = Arc::clone(&loading);
     thread::spawn(move || {
         loop {
             thread::sleep(Duration::from_millis(100));
-            if let Some((start, file, bytes)) = &*watched.lock().expect("nothing panics while it holds this")
+            if let Some(Loading { start, file, bytes }) = &*watched.lock().expect("nothing panics while it holds this")
                 && start.elapsed() > MOST_TIME
             {
                 drop(fs::write(file, bytes));
@@ -294,7 +301,8 @@ fn main() -> anyhow::Result<()> {
             fs::write(&file, &bytes)?;
         }
         let begun = Instant::now();
-        *loading.lock().expect("nothing panics while it holds this") = Some((begun, file.clone(), bytes.clone()));
+        *loading.lock().expect("nothing panics while it holds this") =
+            Some(Loading { start: begun, file: file.clone(), bytes: bytes.clone() });
         let outcome = catch_unwind(AssertUnwindSafe(|| load(*kind, &file, &folder, &bytes)));
         *loading.lock().expect("nothing panics while it holds this") = None;
         slowest = slowest.max(begun.elapsed());
