@@ -101,6 +101,24 @@ shared_constants! {
     SURFACE_BLEND = 13;
     /// One material for each side.
     SURFACE_SIDES = 14;
+    /// Places of images among those of a material: of `ks`.
+    MAP_KS = 0;
+    /// Of the microfacets' width along the tangent.
+    MAP_ALPHA_X = 1;
+    /// Of that across it.
+    MAP_ALPHA_Y = 2;
+    /// Of the share of metal.
+    MAP_METALNESS = 3;
+    /// How many of those that say how light scatters come first.
+    MAPS_OF_SCATTERING = 4;
+    /// Of the shading normal.
+    MAP_NORMAL = 4;
+    /// Of the height over the surface.
+    MAP_HEIGHT = 5;
+    /// Of emitted radiance.
+    MAP_KE = 6;
+    /// Of a blend's weight.
+    MAP_WEIGHT = 7;
     /// Rows, and columns, of a table of microfacets.
     TABLE_SIZE = 32;
     /// Most blends within each other, and sides.

@@ -177,7 +177,7 @@ LightSample sample_area_light(Surface surface, vec3 u) {
     float cos_light = -dot(normal, direction);
     vec3 emission = material_emission(t.material);
     if (HAS_DETAIL_TEXTURES) {
-        emission = textured(fetch_material_detail(t.material).map_ke, corner_uv_at(t.original, sample_triangle(u.xy)), emission);
+        emission = emission_at(t.material, corner_uv_at(t.original, sample_triangle(u.xy)), emission);
     }
     // Only the front side emits. Area becomes solid angle.
     bool lit = cos_light > 0.0 && distance2 > 0.0;

@@ -81,38 +81,6 @@ vec2 texture_slope(uint header, vec2 uv) {
     return slope;
 }
 
-// The same of an image by its place, which is one more than its header, or else a constant.
-vec3 textured(uint place, vec2 uv, vec3 constant) {
-    return place != 0u ? texture_at(max(place, 1u) - 1u, uv) : constant;
-}
-
-float textured(uint place, vec2 uv, float constant) { return textured(place, uv, vec3(constant)).x; }
-
-Material material_at(Surface surface) {
-    Material m = fetch_material(surface.material);
-    if (HAS_TEXTURES) {
-        m.kd = textured(m.map_kd, surface.uv, m.kd);
-    }
-    if (HAS_DETAIL_TEXTURES) {
-        MaterialDetail detail = fetch_material_detail(surface.material);
-        m.ks = textured(detail.map_ks, surface.uv, m.ks);
-        m.ke = textured(detail.map_ke, surface.uv, m.ke);
-    }
-    return m;
-}
-
-// What else the material of a surface has.
-MaterialDetail material_detail_at(Surface surface) {
-    MaterialDetail detail = fetch_material_detail(surface.material);
-    if (HAS_DETAIL_TEXTURES) {
-        // Below that a lobe is as narrow as the rounding of a direction.
-        detail.alpha.x = max(textured(detail.map_alpha.x, surface.uv, detail.alpha.x), SMOOTHEST);
-        detail.alpha.y = max(textured(detail.map_alpha.y, surface.uv, detail.alpha.y), SMOOTHEST);
-        detail.metalness = textured(detail.map_metalness, surface.uv, detail.metalness);
-    }
-    return detail;
-}
-
 // The material that light meets where that of the surface is a blend or has one for each side. `choice` decides between the
 // parts of a blend and is uniform again afterwards.
 uint part_of_blend(Surface surface, vec3 wo, inout float choice) {
@@ -122,18 +90,74 @@ uint part_of_blend(Surface surface, vec3 wo, inout float choice) {
         if (kind != SURFACE_BLEND && kind != SURFACE_SIDES) {
             break;
         }
-        MaterialDetail detail = fetch_material_detail(material);
         bool takes_second = side_of(surface, wo) < 0.0;
         if (kind == SURFACE_BLEND) {
-            float weight = detail.weight;
-            if (HAS_DETAIL_TEXTURES) {
-                weight = textured(detail.map_weight, surface.uv, weight);
+            float weight = blend_weight(material);
+            uint map = material_map(material, MAP_WEIGHT);
+            if (HAS_DETAIL_TEXTURES && map != 0u) {
+                weight = texture_at(map - 1u, surface.uv).x;
             }
             takes_second = split_sample(choice, weight);
         }
-        material = takes_second ? detail.second : detail.first;
+        uvec2 parts = blend_parts(material);
+        material = takes_second ? parts.y : parts.x;
     }
     return material;
+}
+
+// Looks up what images give of the material that has them.
+void look_up_details(uint index, vec2 uv, inout Material m) {
+    // A loop, so that a kernel has one lookup for all of them.
+    for (uint parameter = 0u; parameter < MAPS_OF_SCATTERING; parameter++) {
+        uint map = material_map(index, parameter);
+        if (map != 0u) {
+            vec3 value = texture_at(map - 1u, uv);
+            // Below that a lobe is as narrow as the rounding of a direction.
+            float alpha = max(value.x, SMOOTHEST);
+            m.ks = parameter == MAP_KS ? value : m.ks;
+            m.detail.alpha.x = parameter == MAP_ALPHA_X ? alpha : m.detail.alpha.x;
+            m.detail.alpha.y = parameter == MAP_ALPHA_Y ? alpha : m.detail.alpha.y;
+            m.detail.metalness = parameter == MAP_METALNESS ? value.x : m.detail.metalness;
+        }
+    }
+}
+
+// Radiance that the front of a material emits at texture coordinates.
+vec3 emission_at(uint index, vec2 uv, vec3 constant) {
+    vec3 emission = constant;
+    if (HAS_DETAIL_TEXTURES) {
+        uint map = material_map(index, MAP_KE);
+        if (map != 0u) {
+            emission = texture_at(map - 1u, uv);
+        }
+    }
+    return emission;
+}
+
+Material material_at(Surface surface) {
+    Material m = fetch_material(surface.material);
+    if (HAS_TEXTURES) {
+        uint header = max(m.map_kd, 1u) - 1u;
+        m.kd = m.map_kd != 0u ? texture_at(header, surface.uv) : m.kd;
+    }
+    if (HAS_DETAIL_TEXTURES) {
+        look_up_details(surface.material, surface.uv, m);
+    }
+    return m;
+}
+
+// The material that a ray meets at a surface. What emits is the surface as a whole: parts of a blend do not.
+Material material_towards(inout Surface surface, vec3 wo, inout float choice) {
+    uint whole = surface.material;
+    if (HAS_BLENDS) {
+        surface.material = part_of_blend(surface, wo, choice);
+    }
+    Material m = material_at(surface);
+    if (HAS_BLENDS) {
+        m.ke = material_emission(whole);
+    }
+    m.ke = emission_at(whole, surface.uv, m.ke);
+    return m;
 }
 
 // Whether the material gives light.

@@ -25,21 +25,22 @@ vec3 valid_normal(vec3 n, vec3 geometric_normal, vec3 wo) {
 
 // The surface with its shading normal turned by the images of its material, as `wo` sees it.
 Surface with_normal_map(Surface surface, vec3 wo) {
-    MaterialDetail detail = fetch_material_detail(surface.material);
+    uint map_normal = material_map(surface.material, MAP_NORMAL);
+    uint map_height = material_map(surface.material, MAP_HEIGHT);
     vec3 n = surface.shading_normal;
     vec3 along_u = surface.along_u - dot(surface.along_u, n) * n;
     float len2 = dot(along_u, along_u);
     bool has_tangent = len2 > 0.0;
     vec3 turned = n;
-    if (detail.map_normal != 0u) {
+    if (map_normal != 0u) {
         vec3 tangent = along_u / sqrt(max(len2, 1e-30));
         // The second axis points where v grows.
         float handed = dot(cross(surface.along_u, surface.along_v), n) < 0.0 ? -1.0 : 1.0;
-        vec3 local = 2.0 * texture_at(detail.map_normal - 1u, surface.uv) - 1.0;
+        vec3 local = 2.0 * texture_at(map_normal - 1u, surface.uv) - 1.0;
         turned = tangent * local.x + cross(n, tangent) * (handed * local.y) + n * local.z;
-    } else if (detail.map_height != 0u) {
+    } else if (map_height != 0u) {
         // The surface lifted by the height, along both texture coordinates. (Blinn 1978, Simulation of Wrinkled Surfaces)
-        vec2 slope = texture_slope(detail.map_height - 1u, surface.uv) * frame.height_scale;
+        vec2 slope = texture_slope(map_height - 1u, surface.uv) * frame.height_scale;
         vec3 along_v = surface.along_v - dot(surface.along_v, n) * n;
         vec3 lifted_u = along_u + slope.x * n;
         vec3 lifted_v = along_v + slope.y * n;
@@ -47,7 +48,7 @@ Surface with_normal_map(Surface surface, vec3 wo) {
         turned = dot(turned, n) < 0.0 ? -turned : turned;
     }
     float turned2 = dot(turned, turned);
-    bool is_turned = has_tangent && (detail.map_normal != 0u || detail.map_height != 0u) && turned2 > 1e-20;
+    bool is_turned = has_tangent && (map_normal != 0u || map_height != 0u) && turned2 > 1e-20;
     if (is_turned) {
         float side = side_of(surface, wo);
         vec3 unit = turned / sqrt(turned2);

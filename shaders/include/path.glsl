@@ -111,8 +111,13 @@ BsdfSample scatter_in_branch(Material material, Surface surface, vec3 wo, vec4 u
 // The path hit a surface: it finds an area light, or samples light and scatters.
 Vertex shade_hit(inout Path path, Hit hit) {
     Surface surface = surface_at(hit);
-    Material material = material_at(surface);
     vec3 wo = -path.ray.direction;
+    // What the vertex draws for scattering: for roulette, for a component, for a direction.
+    vec4 u;
+    if (HAS_BLENDS) {
+        u = random4(path.pixel, path.sample_index, scatter_block(path.bounce), frame.seed);
+    }
+    Material material = material_towards(surface, wo, u.y);
     Vertex vertex = vertex_without_scatter(vec3(0.0));
     if (is_emissive(material)) {
         bool lit = path.sees_emission && side_of(surface, wo) > 0.0;
@@ -129,13 +134,6 @@ Vertex shade_hit(inout Path path, Hit hit) {
     }
     if (!SCATTERS || (BOUNDED && path.bounce == frame.max_bounces)) {
         return vertex;
-    }
-    // What the vertex draws for scattering: for roulette, for a component, for a direction.
-    vec4 u;
-    if (HAS_BLENDS) {
-        u = random4(path.pixel, path.sample_index, scatter_block(path.bounce), frame.seed);
-        surface.material = part_of_blend(surface, wo, u.y);
-        material = material_at(surface);
     }
     if (HAS_NORMAL_TEXTURES) {
         surface = with_normal_map(surface, wo);

@@ -24,6 +24,20 @@ uint triangle_material(uint index) { return fetch_triangles(TRIANGLE_TEXELS * in
 // Area of an emissive triangle over the probability that light sampling picks it; 0 of any other.
 float light_area(uint index) { return uintBitsToFloat(fetch_triangles(TRIANGLE_TEXELS * index + 2u).w); }
 
+// What some materials have beyond the words of each.
+struct MaterialDetail {
+    vec3 eta;                 // real part of a metal's index of refraction
+    vec3 absorption;          // its imaginary part
+    vec2 alpha;               // widths of the microfacets' distribution along the tangent and across it
+    float metalness;          // share of metal
+    float coat;               // share of the clear coat
+    float coat_alpha;         // width of the distribution of its microfacets
+    bool nonlinear;           // whether what is reflected inside a coat shifts the colour of its base
+    float inner_reflectance;  // share of diffuse light that the inside of a coat reflects
+    vec3 mean_reflectance;    // at the microfacets, weighted by the cosine
+    uint table;               // of microfacets: one more than its place, or 0
+};
+
 struct Material {
     vec3 kd;       // Lambert reflectance, or base colour
     uint surface;  // one of SURFACE_*
@@ -33,53 +47,47 @@ struct Material {
     float ni;      // index of refraction inside
     vec3 tf;       // tint of transmitted light
     uint map_kd;   // one more than the header of the image that replaces kd; 0 without one
+    MaterialDetail detail;
 };
+
+const bool HAS_METALS = HAS_SMOOTH_CONDUCTOR || HAS_CONDUCTOR;
+const bool HAS_COATS = HAS_PLASTIC || HAS_ROUGH_PLASTIC || HAS_METAL_ROUGH;
+const bool HAS_DETAILS = HAS_METALS || HAS_COATS || HAS_ROUGH_DIELECTRIC || HAS_DETAIL_TEXTURES;
+
+MaterialDetail fetch_material_detail(uint index) {
+    uint place = MATERIAL_DETAIL_TEXELS * index;
+    uvec4 a = fetch_material_details(place);
+    uvec4 b = fetch_material_details(place + 1u);
+    vec3 c = uintBitsToFloat(fetch_material_details(place + 2u).xyz);
+    uvec2 f = fetch_material_details(place + 5u).zw;
+    uvec4 g = fetch_material_details(place + 6u);
+    return MaterialDetail(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(uvec2(a.w, b.w)), c.x, c.y, c.z,
+        f.x != 0u, uintBitsToFloat(f.y), uintBitsToFloat(g.xyz), g.w);
+}
 
 Material fetch_material(uint index) {
     uvec4 a = fetch_materials(MATERIAL_TEXELS * index);
     uvec4 b = fetch_materials(MATERIAL_TEXELS * index + 1u);
     uvec4 c = fetch_materials(MATERIAL_TEXELS * index + 2u);
     uvec4 d = fetch_materials(MATERIAL_TEXELS * index + 3u);
+    MaterialDetail detail;
+    if (HAS_DETAILS) {
+        detail = fetch_material_detail(index);
+    }
     return Material(uintBitsToFloat(a.xyz), a.w, uintBitsToFloat(b.xyz), uintBitsToFloat(b.w),
-        uintBitsToFloat(c.xyz), uintBitsToFloat(c.w), uintBitsToFloat(d.xyz), d.w);
+        uintBitsToFloat(c.xyz), uintBitsToFloat(c.w), uintBitsToFloat(d.xyz), d.w, detail);
 }
 
-// What else a material may have. Places of images are one more than their headers; 0 is none.
-struct MaterialDetail {
-    vec3 eta;                 // real part of a metal's index of refraction
-    vec3 absorption;          // its imaginary part
-    vec2 alpha;               // widths of the microfacets' distribution along the tangent and across it
-    float metalness;          // share of metal
-    float coat;               // share of the clear coat
-    float coat_alpha;         // width of the distribution of its microfacets
-    float weight;             // share of a blend's first part
-    uint map_ks;
-    uvec2 map_alpha;
-    uint map_metalness;
-    uint map_normal;
-    uint map_height;
-    uint map_ke;
-    uint map_weight;
-    uint first;               // of a blend: the first part, or the front
-    uint second;              // the second part, or the back
-    bool nonlinear;           // whether what is reflected inside a coat shifts the colour of its base
-    float inner_reflectance;  // share of diffuse light that the inside of a coat reflects
-    vec3 mean_reflectance;    // at the microfacets, weighted by the cosine
-    uint table;               // of microfacets: one more than its place, or 0
-};
-
-MaterialDetail fetch_material_detail(uint index) {
-    uint place = MATERIAL_DETAIL_TEXELS * index;
-    uvec4 a = fetch_material_details(place);
-    uvec4 b = fetch_material_details(place + 1u);
-    vec4 c = uintBitsToFloat(fetch_material_details(place + 2u));
-    uvec4 d = fetch_material_details(place + 3u);
-    uvec4 e = fetch_material_details(place + 4u);
-    uvec4 f = fetch_material_details(place + 5u);
-    uvec4 g = fetch_material_details(place + 6u);
-    return MaterialDetail(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(uvec2(a.w, b.w)), c.x, c.y, c.z, c.w,
-        d.x, d.yz, d.w, e.x, e.y, e.z, e.w, f.x, f.y, f.z != 0u, uintBitsToFloat(f.w), uintBitsToFloat(g.xyz), g.w);
+// The image that gives a parameter of a material, MAP_*: one more than its header; 0 is none.
+uint material_map(uint index, uint parameter) {
+    uvec4 maps = fetch_material_details(MATERIAL_DETAIL_TEXELS * index + 3u + (parameter >> 2u));
+    return maps[parameter & 3u];
 }
+
+// Share of a blend's first part, and both parts; or the front and the back.
+float blend_weight(uint index) { return uintBitsToFloat(fetch_material_details(MATERIAL_DETAIL_TEXELS * index + 2u).w); }
+
+uvec2 blend_parts(uint index) { return fetch_material_details(MATERIAL_DETAIL_TEXELS * index + 5u).xy; }
 
 uint material_surface(uint index) { return fetch_materials(MATERIAL_TEXELS * index).w; }
 

@@ -30,30 +30,29 @@ struct MetalRough {
 float coat_reflectance(float cosine) { return schlick_reflectance(cosine, vec3(0.04)).x; }
 
 MetalRough metal_rough_of(Material m, Surface surface, vec3 wo) {
-    MaterialDetail detail = material_detail_at(surface);
     MetalRough mixture;
-    mixture.facets = microfacets_of(surface, detail.alpha, wo);
+    mixture.facets = microfacets_of(surface, m.detail.alpha, wo);
     float root = (m.ni - 1.0) / (m.ni + 1.0);
     mixture.of_body = min(m.ks * (root * root), vec3(1.0));
-    mixture.at_normal = mix(mixture.of_body, m.kd, detail.metalness);
-    mixture.diffuse = m.kd * (1.0 - detail.metalness);
+    mixture.at_normal = mix(mixture.of_body, m.kd, m.detail.metalness);
+    mixture.diffuse = m.kd * (1.0 - m.detail.metalness);
     mixture.coat = 0.0;
-    mixture.table = compensates(detail.table, detail.alpha) ? detail.table : 0u;
+    mixture.table = compensates(m.detail.table, m.detail.alpha) ? m.detail.table : 0u;
     float cos_o = mixture.facets.wo.z;
     float seen = mean3(schlick_reflectance(min(cos_o, 1.0), mixture.at_normal));
     float below = mean3(mixture.diffuse) * (1.0 - seen);
     float facets = seen / max(seen + below, 1e-9);
     mixture.shares = MetalRoughShares(0.0, facets, 0.0);
     if (HAS_COMPENSATION && mixture.table != 0u) {
-        float lost = table_at(mixture.table, cos_o, table_alpha(detail.alpha));
+        float lost = table_at(mixture.table, cos_o, table_alpha(m.detail.alpha));
         mixture.shares.lost = facets * lost;
         mixture.shares.facets = facets * (1.0 - lost);
     }
     if (HAS_COAT) {
-        mixture.coat = detail.coat;
+        mixture.coat = m.detail.coat;
         mixture.coat_facets = mixture.facets;
-        mixture.coat_facets.alpha = vec2(detail.coat_alpha);
-        float reflected = detail.coat * coat_reflectance(min(cos_o, 1.0));
+        mixture.coat_facets.alpha = vec2(m.detail.coat_alpha);
+        float reflected = m.detail.coat * coat_reflectance(min(cos_o, 1.0));
         mixture.shares.coat = reflected / (reflected + (1.0 - reflected) * (seen + below) + 1e-9);
         mixture.shares.facets *= 1.0 - mixture.shares.coat;
         mixture.shares.lost *= 1.0 - mixture.shares.coat;

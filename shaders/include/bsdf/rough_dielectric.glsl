@@ -14,17 +14,16 @@ struct RoughInterface {
 };
 
 RoughInterface rough_interface_of(Material m, Surface surface, vec3 wo) {
-    MaterialDetail detail = material_detail_at(surface);
     bool outside = side_of(surface, wo) > 0.0;
     RoughInterface seen;
-    seen.facets = microfacets_of(surface, detail.alpha, wo);
+    seen.facets = microfacets_of(surface, m.detail.alpha, wo);
     seen.eta = outside ? m.ni : 1.0 / m.ni;
     seen.table = 0u;
     seen.other_table = 0u;
-    if (compensates(detail.table, detail.alpha)) {
-        uint inner = next_table(detail.table);
-        seen.table = outside ? detail.table : inner;
-        seen.other_table = outside ? inner : detail.table;
+    if (compensates(m.detail.table, m.detail.alpha)) {
+        uint inner = next_table(m.detail.table);
+        seen.table = outside ? m.detail.table : inner;
+        seen.other_table = outside ? inner : m.detail.table;
     }
     return seen;
 }
