@@ -16,8 +16,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::{env, fs, process, thread};
 
 use raywave_shaders::{
-    Access, Arithmetic, BuiltModule, Edition, Form, Forms, Library, Reflection, Table, checks, deflate, lower, passes,
-    variants,
+    Access, Arithmetic, BuiltModule, Edition, Form, Forms, Library, Reflection, Table, Variant, checks, deflate,
+    fetch_texels, lower, passes, variants,
 };
 use rspirv::binary::Assemble;
 use rspirv::dr::Module;
@@ -133,14 +133,14 @@ fn compile_variants(
     editions: &[Edition],
     portable: Option<&Library>,
     texts: &Texts,
-) -> Result<Vec<BuiltModule>, String> {
+) -> Result<Vec<(BuiltModule, bool)>, String> {
     let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
     let source = fs::read_to_string(path).expect("a listed shader can be read");
     let variant = |(edition, access): (Edition, Access)| {
-        let macros: Vec<&str> = access.macro_names().chain(edition.macro_name()).chain(*form).collect();
+        let macros: Vec<&str> = access.macro_name().into_iter().chain(edition.macro_name()).chain(*form).collect();
         let options = kernel_options(&macros);
         let text = preprocess(&compiler, path, &source, &options)?;
-        texts.module_of(&text, |file| {
+        let built = texts.module_of(&text, |file| {
             let mut module = match kept(file, &text) {
                 Some(module) => module,
                 None => {
@@ -150,15 +150,20 @@ fn compile_variants(
                     module
                 }
             };
-            let reflection = Reflection::of(&module).map_err(|error| format!("{}: {error}", path.display()))?;
+            let wrong = |error| format!("{}: {error}", path.display());
+            let reflection = Reflection::of(&module).map_err(wrong)?;
+            let mut texels = module.clone();
+            fetch_texels(&mut texels, Variant::SCENE_SET).map_err(wrong)?;
+            let by_texels = Reflection::of(&texels).map_err(wrong)?;
             // For profilers that show sources.
             if !has_source() {
                 module.debug_names.clear();
             }
             let (file, bytes) = (file.with_extension("zlib"), deflate(&module.assemble()));
             fs::write(&file, &bytes).expect("OUT_DIR can be written");
-            Ok(BuiltModule { file, size: bytes.len(), reflection })
-        })
+            Ok(BuiltModule { file, size: bytes.len(), reflection, by_texels })
+        });
+        Ok((built?, access.texel_fetch))
     };
     variants(editions).map(variant).collect()
 }

@@ -1,8 +1,8 @@
 // Set 0: what does not change during a render. Read-only for every kernel.
 //
 // Each scene buffer is an array of 16-byte (textures, texture_coordinates: 8-byte) words of bits.
-// With TEXEL_FETCH it is bound as a uniform texel buffer, which software devices read faster;
-// without it as a storage buffer, which may be larger on devices with few texels.
+// It is a storage buffer or, where the host makes it one, a uniform texel buffer: software devices read those faster,
+// devices with few texels have larger storage buffers.
 #ifndef BINDINGS_SCENE_GLSL
 #define BINDINGS_SCENE_GLSL
 
@@ -38,27 +38,21 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     float height_scale;         // normalised lengths of a unit of height
 } frame;
 
-#ifdef TEXEL_FETCH
-#define SCENE_BUFFER(BINDING, NAME, WORD, COMPONENTS) \
-    layout(set = 0, binding = BINDING) uniform usamplerBuffer NAME; \
-    WORD fetch_##NAME(uint index) { return texelFetch(NAME, int(index)).COMPONENTS; }
-#else
-#define SCENE_BUFFER(BINDING, NAME, WORD, COMPONENTS) \
+#define SCENE_BUFFER(BINDING, NAME, WORD) \
     layout(set = 0, binding = BINDING, std430) readonly buffer Buffer_##NAME { WORD words[]; } NAME; \
     WORD fetch_##NAME(uint index) { return NAME.words[index]; }
-#endif
 
 // Read through records.glsl only.
-SCENE_BUFFER(1, nodes, uvec4, xyzw)                // NODE_TEXELS a node
-SCENE_BUFFER(2, triangles, uvec4, xyzw)            // TRIANGLE_TEXELS a triangle, in leaf order
-SCENE_BUFFER(3, materials, uvec4, xyzw)            // MATERIAL_TEXELS a material
-SCENE_BUFFER(4, lights, uvec4, xyzw)               // triangle, alias threshold, alias, unused
-SCENE_BUFFER(5, normals, uvec4, xyzw)              // three octahedral normals, 1 if there are any
-SCENE_BUFFER(6, texture_coordinates, uvec2, xy)    // three a triangle
-SCENE_BUFFER(7, textures, uvec2, xy)               // per image its header, then linear RGB as halves; tables
-SCENE_BUFFER(8, environment, uvec4, xyzw)          // radiance, probability of the texel
-SCENE_BUFFER(9, environment_splits, uvec4, xyzw)   // probability of a block's upper half; of the left in each half; unused
-SCENE_BUFFER(10, material_details, uvec4, xyzw)    // MATERIAL_DETAIL_TEXELS a material, if some have details
-SCENE_BUFFER(11, punctual_lights, uvec4, xyzw)     // PUNCTUAL_LIGHT_TEXELS a light
+SCENE_BUFFER(1, nodes, uvec4)                // NODE_TEXELS a node
+SCENE_BUFFER(2, triangles, uvec4)            // TRIANGLE_TEXELS a triangle, in leaf order
+SCENE_BUFFER(3, materials, uvec4)            // MATERIAL_TEXELS a material
+SCENE_BUFFER(4, lights, uvec4)               // triangle, alias threshold, alias, unused
+SCENE_BUFFER(5, normals, uvec4)              // three octahedral normals, 1 if there are any
+SCENE_BUFFER(6, texture_coordinates, uvec2)    // three a triangle
+SCENE_BUFFER(7, textures, uvec2)               // per image its header, then linear RGB as halves; tables
+SCENE_BUFFER(8, environment, uvec4)          // radiance, probability of the texel
+SCENE_BUFFER(9, environment_splits, uvec4)   // probability of a block's upper half; of the left in each half; unused
+SCENE_BUFFER(10, material_details, uvec4)    // MATERIAL_DETAIL_TEXELS a material, if some have details
+SCENE_BUFFER(11, punctual_lights, uvec4)     // PUNCTUAL_LIGHT_TEXELS a light
 
 #endif

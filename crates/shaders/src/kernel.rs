@@ -3,7 +3,9 @@
 use std::io::Read as _;
 
 use flate2::read::ZlibDecoder;
+use rspirv::dr::Module;
 
+use crate::texels::fetch_texels;
 use crate::variant::{self, Access, Edition};
 
 /// A compute kernel in every variant that it is built in.
@@ -31,6 +33,8 @@ impl Kernel {
 pub struct Variant {
     /// Its SPIR-V words by [`deflate`](crate::deflate).
     pub deflated: &'static [u8],
+    /// Whether the scene is read by texels, to which its words are still to be brought.
+    pub fetches_texels: bool,
     /// What the kernel binds, sorted by set and binding.
     pub bindings: &'static [Binding],
     /// Bytes of push constants that the kernel declares; 0 for none.
@@ -38,7 +42,22 @@ pub struct Variant {
 }
 
 impl Variant {
-    /// Its SPIR-V words.
+    /// The descriptor set of the scene, whose buffers may be read by texels.
+    pub const SCENE_SET: u32 = 0;
+
+    /// Its module.
+    ///
+    /// # Panics
+    /// As [`Variant::words`].
+    pub fn module(&self) -> Module {
+        let mut module = rspirv::dr::load_words(self.words()).expect("the build has read this SPIR-V");
+        if self.fetches_texels {
+            fetch_texels(&mut module, Self::SCENE_SET).expect("the build has done it");
+        }
+        module
+    }
+
+    /// The SPIR-V words that it is made of, which read the scene from storage buffers.
     ///
     /// # Panics
     /// When they are not what [`deflate`](crate::deflate) made.

@@ -21,6 +21,7 @@ mod reflection;
 mod small;
 mod specialize;
 mod table;
+mod texels;
 mod variant;
 
 pub use arithmetic::{Arithmetic, Form, Forms, lower};
@@ -29,4 +30,5 @@ pub use link::Library;
 pub use reflection::{Layout, Reflection};
 pub use specialize::{Build, Promises, Reconvergence, Specialized};
 pub use table::{BuiltModule, Table, deflate};
+pub use texels::fetch_texels;
 pub use variant::{Access, Edition, variants};

@@ -72,7 +72,7 @@ impl Variant {
     /// When the kernel has an operation of which the library has no form; the build tries every one.
     pub fn specialize(&self, build: &Build<'_>, portable: &Library) -> Specialized {
         let constants = build.constants;
-        let mut module = rspirv::dr::load_words(self.words()).expect("the build has read this SPIR-V");
+        let mut module = self.module();
         let live = live_blocks(&module, constants);
         let is_live = |block: &Block| live.contains(&label(block));
 
@@ -335,7 +335,12 @@ mod tests {
             Binding { name: &*name.leak(), set, binding, kind, reads, writes }
         });
         let bindings: Vec<Binding> = bindings.collect();
-        Variant { deflated: deflate(&module.assemble()).leak(), bindings: bindings.leak(), push_constant_size: 0 }
+        Variant {
+            deflated: deflate(&module.assemble()).leak(),
+            fetches_texels: false,
+            bindings: bindings.leak(),
+            push_constant_size: 0,
+        }
     }
 
     fn specialized(kernel: &Variant, constants: &[u32]) -> Specialized {

@@ -29,6 +29,8 @@ pub struct BuiltModule {
     pub size: usize,
     /// What was read from it.
     pub reflection: Reflection,
+    /// The same where it reads the scene by texels.
+    pub by_texels: Reflection,
 }
 
 /// Kernels on their way into Rust text. The text names [`Kernel`](crate::Kernel) and what it is made of, which must be
@@ -49,11 +51,11 @@ pub struct Table {
 }
 
 impl Table {
-    /// Adds a kernel in all of its variants.
-    pub fn add(&mut self, kernel: &str, variants: &[BuiltModule]) {
+    /// Adds a kernel in all of its variants, each with whether it reads the scene by texels.
+    pub fn add(&mut self, kernel: &str, variants: &[(BuiltModule, bool)]) {
         writeln!(self.entries, "    Kernel {{ name: {kernel:?}, variants: &[").expect("strings grow");
-        for built in variants {
-            let reflection = &built.reflection;
+        for (built, fetches_texels) in variants {
+            let reflection = if *fetches_texels { &built.by_texels } else { &built.reflection };
             let bindings: Vec<String> = reflection.bindings.iter().map(binding).collect();
             let module = self.modules.iter().position(|known| known.file == built.file).unwrap_or_else(|| {
                 self.modules.push(built.clone());
@@ -61,7 +63,7 @@ impl Table {
             });
             writeln!(
                 self.entries,
-                "        Variant {{ deflated: &MODULE_{module}, bindings: &[{}], push_constant_size: {} }},",
+                "        Variant {{ deflated: &MODULE_{module}, fetches_texels: {fetches_texels}, bindings: &[{}], push_constant_size: {} }},",
                 bindings.join(", "),
                 reflection.push_constant_size
             )
@@ -129,7 +131,8 @@ mod tests {
     #[test]
     fn words_are_what_was_deflated() {
         let words: Vec<u32> = (0..1000_u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
-        let variant = Variant { deflated: deflate(&words).leak(), bindings: &[], push_constant_size: 0 };
+        let variant =
+            Variant { deflated: deflate(&words).leak(), fetches_texels: false, bindings: &[], push_constant_size: 0 };
         assert_eq!(variant.words(), words);
         assert_eq!(Variant { deflated: deflate(&[]).leak(), ..variant }.words(), []);
     }
@@ -148,9 +151,10 @@ mod tests {
         let control = StructLayout { name: "Control".to_owned(), members: vec![member] };
         let reflection = Reflection { bindings: vec![hits], push_constant_size: 8, structs: vec![control] };
         let mut table = Table::default();
-        let built = BuiltModule { file: PathBuf::from("shade.zlib"), size: 5, reflection };
-        table.add("shade", &[built.clone(), built]);
-        let variant = r#"        Variant { deflated: &MODULE_0, bindings: &[Binding { name: "hits", set: 1, binding: 2, kind: BindingKind::StorageBuffer, reads: true, writes: false }], push_constant_size: 8 },
+        let by_texels = reflection.clone();
+        let built = BuiltModule { file: PathBuf::from("shade.zlib"), size: 5, reflection, by_texels };
+        table.add("shade", &[(built.clone(), false), (built, false)]);
+        let variant = r#"        Variant { deflated: &MODULE_0, fetches_texels: false, bindings: &[Binding { name: "hits", set: 1, binding: 2, kind: BindingKind::StorageBuffer, reads: true, writes: false }], push_constant_size: 8 },
 "#;
         let text = table.kernels("KERNELS");
         assert!(text.contains(&format!("    Kernel {{ name: \"shade\", variants: &[\n{variant}{variant}    ] }},\n")));

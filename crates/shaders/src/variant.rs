@@ -39,10 +39,9 @@ impl Access {
         Self { texel_fetch: true, subgroup_ballot: true },
     ];
 
-    /// The macros that make it of a shader.
-    pub fn macro_names(self) -> impl Iterator<Item = &'static str> {
-        let all = [(self.texel_fetch, "TEXEL_FETCH"), (self.subgroup_ballot, "SUBGROUP_BALLOT")];
-        all.into_iter().filter_map(|(is_set, name)| is_set.then_some(name))
+    /// The macro that makes it of a shader. Texels are fetched by a pass over its SPIR-V.
+    pub fn macro_name(self) -> Option<&'static str> {
+        self.subgroup_ballot.then_some("SUBGROUP_BALLOT")
     }
 }
 

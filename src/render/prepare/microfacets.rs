@@ -55,12 +55,10 @@ impl<'a> Tables<'a> {
         match subject {
             Subject::Mirrors => self.add(|cosine, alpha| 1.0 - scattered(cosine, alpha, |_| 1.0)),
             Subject::Glass(_) => {
-                self.add(|cosine, alpha| 1.0 - through_or_back(cosine, alpha, eta));
-                self.add(|cosine, alpha| 1.0 - through_or_back(cosine, alpha, 1.0 / eta));
+                self.add(|cosine, alpha| 1.0 - through_and_back(cosine, alpha, eta).iter().sum::<f64>());
+                self.add(|cosine, alpha| 1.0 - through_and_back(cosine, alpha, 1.0 / eta).iter().sum::<f64>());
             }
-            Subject::Coat(_) => {
-                self.add(|cosine, alpha| 1.0 - scattered(cosine, alpha, |cosine| reflectance(cosine, eta)));
-            }
+            Subject::Coat(_) => self.add(|cosine, alpha| through_and_back(cosine, alpha, eta)[0]),
         }
         self.known.insert(subject, place);
         place + 1
@@ -156,16 +154,16 @@ pub(super) fn mean_reflectance(material: &Material) -> Vec3 {
     material.specular * Vec3::new(channel(eta.x, k.x), channel(eta.y, k.y), channel(eta.z, k.z))
 }
 
-/// The mean of a function over the unit square, by points that lie the closer the nearer the second coordinate is to 1:
-/// there visible normals are steep. (Roberts 2018, The Unreasonable Effectiveness of Quasirandom Sequences, R2)
-fn mean_over_square(value: impl Fn(DVec2) -> f64) -> f64 {
+/// The mean of a function of two values over the unit square, by points that lie the closer the nearer the second coordinate
+/// is to 1: there visible normals are steep. (Roberts 2018, The Unreasonable Effectiveness of Quasirandom Sequences, R2)
+fn mean_over_square(value: impl Fn(DVec2) -> [f64; 2]) -> [f64; 2] {
     const POINTS: u32 = 2048;
     const STEP: DVec2 = DVec2::new(0.754_877_666_246_693, 0.569_840_290_998_053);
     let weighted = (0..POINTS).map(|i| {
         let DVec2 { x, y } = (f64::from(i) * STEP + 0.5).fract();
-        2.0 * y * value(DVec2::new(x, 1.0 - y * y))
+        value(DVec2::new(x, 1.0 - y * y)).map(|value| 2.0 * y * value)
     });
-    weighted.sum::<f64>() / f64::from(POINTS)
+    weighted.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]).map(|sum| sum / f64::from(POINTS))
 }
 
 /// Smith's masking by GGX microfacets.
@@ -194,12 +192,12 @@ fn scattered(cosine: f64, alpha: f64, reflectance: impl Fn(f64) -> f64) -> f64 {
         let m = visible_normal(wo, alpha, u);
         let on_facet = wo.dot(m).max(0.0);
         let wi = 2.0 * on_facet * m - wo;
-        if wi.z > 0.0 { reflectance(on_facet) * unmasked(wi.z, alpha) } else { 0.0 }
-    })
+        [if wi.z > 0.0 { reflectance(on_facet) * unmasked(wi.z, alpha) } else { 0.0 }, 0.0]
+    })[0]
 }
 
-/// Share of light that microfacets of a dielectric reflect or let through, by one scattering.
-fn through_or_back(cosine: f64, alpha: f64, eta: f64) -> f64 {
+/// Shares of light that microfacets of a dielectric let through and reflect, by one scattering.
+fn through_and_back(cosine: f64, alpha: f64, eta: f64) -> [f64; 2] {
     let wo = direction_at(cosine);
     mean_over_square(|u| {
         let m = visible_normal(wo, alpha, u);
@@ -212,6 +210,6 @@ fn through_or_back(cosine: f64, alpha: f64, eta: f64) -> f64 {
         let refracted = (on_facet / eta - beyond) * m - wo / eta;
         let through =
             if squared > 0.0 && refracted.z < 0.0 { (1.0 - share) * unmasked(refracted.z, alpha) } else { 0.0 };
-        back + through
+        [through, back]
     })
 }
