@@ -516,6 +516,6 @@ pub struct EnvironmentMap {
     pub height: u32,
     /// Linear radiance, already multiplied by the scene's `scale`, `width * height` entries.
     pub radiance: Vec<Vec3>,
-    /// Takes directions of the image to those of the world; a rotation.
+    /// Takes directions of the image to those of the world; a rotation, perhaps with a mirror.
     pub rotation: DMat3,
 }

@@ -240,6 +240,8 @@ pub(super) enum Environment {
         image: ImageFile,
         scale: f32,
         rotation: DMat3,
+        /// Whether the centres of the first and of the last row lie on the poles; else their outer edges do.
+        has_rows_at_poles: bool,
     },
 }
 

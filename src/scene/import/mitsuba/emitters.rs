@@ -65,7 +65,7 @@ impl Importer<'_, '_, '_> {
                 let Some(rotation) = orthonormal(rotation) else {
                     return Err(object.at("to_world").refuse("`to_world` flattens the image; give a rotation"));
                 };
-                self.set_environment(object, Environment::LatLong { image, scale, rotation })?;
+                self.set_environment(object, Environment::LatLong { image, scale, rotation, has_rows_at_poles: true })?;
             }
             _ => self.unsupported(object),
         }
