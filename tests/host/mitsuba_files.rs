@@ -239,7 +239,7 @@ fn bsdfs_become_surfaces() {
     );
 
     let (glass, _) = shown("<bsdf type='dielectric'/>");
-    assert_eq!((glass.surface, glass.ior), (Surface::Dielectric, 1.5046 / 1.000277));
+    assert_eq!((glass.surface, glass.ior), (Surface::Dielectric, (1.5046_f64 / 1.000277) as f32));
     let (glass, _) =
         shown("<bsdf type='roughdielectric'><float name='alpha' value='0.2'/><float name='ext_ior' value='2'/></bsdf>");
     assert_eq!((glass.ior, glass.roughness, glass.is_beckmann), (1.5046 / 2.0, Vec2::splat(0.2), true));
@@ -255,7 +255,7 @@ fn bsdfs_become_surfaces() {
     assert_eq!((mirror.eta, mirror.absorption), (Vec3::ZERO, Vec3::ONE));
 
     let plastic = front("<bsdf type='plastic'><boolean name='nonlinear' value='true'/></bsdf>");
-    assert_eq!((plastic.surface, plastic.ior), (Surface::Plastic { nonlinear: true }, 1.49 / 1.000277));
+    assert_eq!((plastic.surface, plastic.ior), (Surface::Plastic { nonlinear: true }, (1.49_f64 / 1.000277) as f32));
 }
 
 #[test]

@@ -211,7 +211,7 @@ const SHORTEST: f64 = 360.0;
 /// Between rows, nm.
 const STEP: f64 = 5.0;
 /// Of the second column over wavelengths.
-const Y_INTEGRAL: f64 = 106.7502593994140625;
+const Y_INTEGRAL: f64 = 106.750_259_399_414_06;
 /// Of D65 times the second column, in units of `Y_INTEGRAL`.
 const D65_INTEGRAL: f64 = 98.99741751876255;
 

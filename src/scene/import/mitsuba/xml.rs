@@ -588,9 +588,8 @@ impl Reader<'_, '_> {
             let location = file.location(child);
             let attributes = self.attributes(&Element { node: child, location: &location })?;
             transform = step(&attributes, self.sources)? * transform;
-            // What is not a number anywhere is so in a sum.
             let size = transform.to_cols_array().iter().fold(0.0, |sum, value| sum + value.abs());
-            if !(size <= FARTHEST) {
+            if size.is_nan() || size > FARTHEST {
                 return Err(location.refuse(format!("the transform is not finite, or beyond {FARTHEST:e}; correct it")));
             }
         }
