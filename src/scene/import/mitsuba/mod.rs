@@ -42,6 +42,7 @@ pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, Scene
         grey: None,
         nothing: None,
         meshes: HashMap::new(),
+        geometries: HashMap::new(),
         groups: HashMap::new(),
     };
     importer.scene()?;
@@ -98,6 +99,8 @@ struct Importer<'d, 's, 'f> {
     nothing: Option<u32>,
     /// Meshes by what they are made of.
     meshes: HashMap<MeshKey, usize>,
+    /// Of each geometry a mesh that has it, and whether that is turned inside out.
+    geometries: HashMap<shapes::Source, (usize, bool)>,
     /// What groups hold, by place.
     groups: HashMap<usize, Vec<Placed>>,
 }
@@ -130,9 +133,8 @@ impl Importer<'_, '_, '_> {
         let document = self.document;
         let root = &document.objects[0];
         let mut sensors = 0;
-        for (name, place) in document.children(root) {
+        for place in document.children(root) {
             let object = &document.objects[place];
-            root.ignore(&[name]);
             match object.tag {
                 "shape" => {
                     for Placed { mesh, to_world } in self.shape(place, false)? {

@@ -157,27 +157,19 @@ impl Importer<'_, '_, '_> {
         if let Some(known) = self.meshes.get(&key) {
             return Ok(*known);
         }
-        let alike = self.meshes.iter().find(|((source, ..), _)| *source == key.0);
-        let mut mesh = match alike {
-            Some(((_, other, _), index)) => {
-                let mut mesh = self.import.meshes[*index].clone();
-                if *other != is_flipped {
-                    flip(&mut mesh);
-                }
-                mesh
-            }
-            None => {
-                let mut mesh = self.load(object, &key.0)?;
-                if is_flipped {
-                    flip(&mut mesh);
-                }
-                mesh
-            }
+        let (mut mesh, was_flipped) = match self.geometries.get(&key.0) {
+            Some((alike, was_flipped)) => (self.import.meshes[*alike].clone(), *was_flipped),
+            None => (self.load(object, &key.0)?, false),
         };
+        if was_flipped != is_flipped {
+            flip(&mut mesh);
+        }
         mesh.triangles.iter_mut().for_each(|triangle| triangle.material = material);
+        let index = self.import.meshes.len();
         self.import.meshes.push(mesh);
-        self.meshes.insert(key, self.import.meshes.len() - 1);
-        Ok(self.import.meshes.len() - 1)
+        self.geometries.entry(key.0.clone()).or_insert((index, is_flipped));
+        self.meshes.insert(key, index);
+        Ok(index)
     }
 
     /// Makes a mesh, of the first material.

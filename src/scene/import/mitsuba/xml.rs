@@ -136,11 +136,14 @@ pub(super) fn read(path: &Path, mut parameters: Parameters, sources: &mut Source
 }
 
 impl Document {
-    /// The objects that an object holds, with the names that it has for them.
-    pub fn children<'a>(&'a self, parent: &'a Object) -> impl Iterator<Item = (&'a str, usize)> {
+    /// The objects that an object holds.
+    pub fn children<'a>(&'a self, parent: &'a Object) -> impl Iterator<Item = usize> {
         parent.is_used.set(true);
         parent.properties.iter().filter_map(|property| match property.value {
-            Value::Object(place) => Some((&*property.name, place)),
+            Value::Object(place) => {
+                property.is_used.set(true);
+                Some(place)
+            }
             _ => None,
         })
     }
@@ -799,7 +802,7 @@ mod tests {
         assert!(error.starts_with("s/parts/inner.xml:1: nothing gives $c;"), "{error}");
         let document = read(path, vec![("c".into(), "path".into())], &mut sources).expect("now it has");
         let names: Vec<_> =
-            document.children(&document.objects[0]).map(|(_, place)| &*document.objects[place].plugin).collect();
+            document.children(&document.objects[0]).map(|place| &*document.objects[place].plugin).collect();
         assert_eq!(names, ["path", "x", "y", "x"]);
         let one = &document.objects[2];
         assert_eq!((one.float("n", 0.0).expect("a float"), one.text("s").expect("a text")), (2.0, Some("$a 1")));
