@@ -179,6 +179,7 @@ impl Material {
             coat: 0.0,
             coat_roughness: 0.0,
             weight: 1.0,
+            is_beckmann: false,
             compensates: true,
             textures: [None; Parameter::COUNT],
         }

@@ -7,6 +7,7 @@ use std::{
 };
 
 use super::{
+    LoadOptions,
     error::{Location, SceneError},
     text::one_line,
 };
@@ -54,6 +55,7 @@ pub(super) struct Warning {
 #[derive(Debug)]
 pub(super) struct Sources<'a> {
     files: Files,
+    pub options: &'a LoadOptions,
     /// Folder of the scene file; names count relative to it in the hash.
     folder: &'a Path,
     hash: blake3::Hasher,
@@ -63,9 +65,9 @@ pub(super) struct Sources<'a> {
 
 impl<'a> Sources<'a> {
     /// Nothing read yet; `path` is the scene file.
-    pub fn new(files: Files, path: &'a Path) -> Self {
+    pub fn new(files: Files, path: &'a Path, options: &'a LoadOptions) -> Self {
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self { files, folder, hash: blake3::Hasher::new(), warnings: Vec::new() }
+        Self { files, options, folder, hash: blake3::Hasher::new(), warnings: Vec::new() }
     }
 
     /// Reads a file, which then counts in the scene's hash.

@@ -7,7 +7,7 @@ use raywave::image::Image;
 use raywave_studies::stats::{
     Bootstrap, CONFIDENCE, Estimate, FEWEST_ROUNDS, Interval, Moments, SplitMix64, chi_square, compare_images, mean,
     median, normal_cdf, normal_quantile, quantile, relative_squared_error, sidak_adjusted, sidak_level, standard_error,
-    variance, z_test,
+    test_pixels, variance, z_test,
 };
 
 fn assert_close(a: f64, b: f64, tolerance: f64) {
@@ -485,6 +485,29 @@ fn comparison_of_a_small_pair_by_hand() {
     let per_pixel = a.pixels.iter().zip(&b.pixels);
     let sum: f64 = per_pixel.map(|(a, b)| relative_squared_error(*a, *b)).sum();
     assert_close(sum / 2.0, whole.rel_mse, 1e-15);
+}
+
+#[test]
+fn noise_of_a_known_variance_is_told_from_a_difference() {
+    const SAMPLES: u32 = 100;
+    let mut random = SplitMix64::new(7);
+    let mut noisy = |bias: f32| {
+        // Of equal channels, XYZ varies as each of them, but for the white point.
+        let pixel = |_| Vec3::splat(1.0 + bias + (0.3 * normal(&mut random) / f64::from(SAMPLES).sqrt()) as f32);
+        Image::new(40, 25, (0..1000).map(pixel).collect())
+    };
+    let flat = |value: f32| Image::new(40, 25, vec![Vec3::splat(value); 1000]);
+    let (reference, variance) = (flat(1.0), flat(0.09));
+    let test = test_pixels(&noisy(0.0), &reference, &variance, SAMPLES).unwrap();
+    assert_eq!((test.values, test.share), (3000, 1.0), "{test:?}");
+    assert_close(test.level, 0.01 / 1000.0, 1e-7);
+    let test = test_pixels(&noisy(0.3), &reference, &variance, SAMPLES).unwrap();
+    assert!(test.share < 0.01 && test.largest_z > 10.0, "{test:?}");
+    // A reference without noise is still allowed some.
+    let test = test_pixels(&flat(1.001), &reference, &flat(0.0), SAMPLES).unwrap();
+    assert_eq!(test.share, 1.0, "{test:?}");
+    assert!(test_pixels(&flat(f32::NAN), &reference, &variance, SAMPLES).unwrap().share == 0.0);
+    assert!(test_pixels(&Image::new(1, 1, vec![Vec3::ONE]), &reference, &variance, 1).is_err());
 }
 
 #[test]

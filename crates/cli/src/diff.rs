@@ -11,7 +11,7 @@ use super::print;
 use raywave::image::{WriteOptions, check_output, read_image, write_image};
 pub use raywave_studies::export::heatmap::HeatmapScale;
 use raywave_studies::export::heatmap::heatmap;
-use raywave_studies::stats::{Differences, ImageComparison, compare_images};
+use raywave_studies::stats::{Differences, ImageComparison, PixelTest, compare_images, test_pixels};
 
 /// Compare an image with a reference of the same size
 ///
@@ -32,6 +32,13 @@ pub struct DiffArguments {
     /// What the heatmap shows
     #[arg(long, value_parser = one_of::<HeatmapScale>(), value_name = "SCALE", default_value = "relative", requires = "heatmap")]
     pub scale: HeatmapScale,
+    /// Variance of one sample of each pixel of B (.exr): tests of each pixel whether noise explains the difference, as the
+    /// tests of Mitsuba 3's renders do
+    #[arg(long, value_name = "FILE", requires = "samples")]
+    pub variance: Option<PathBuf>,
+    /// Samples a pixel in A
+    #[arg(long, value_name = "N", requires = "variance", value_parser = clap::value_parser!(u32).range(1..))]
+    pub samples: Option<u32>,
     /// Print red, green and blue beside the whole
     #[arg(long)]
     pub channels: bool,
@@ -69,6 +76,13 @@ pub fn diff(arguments: &DiffArguments) -> anyhow::Result<Report> {
         let (a, b) = (arguments.a.display(), arguments.b.display());
         format!("cannot compare {a} with {b}")
     })?;
+    let pixel_test = match (&arguments.variance, arguments.samples) {
+        (Some(path), Some(samples)) => {
+            let test = test_pixels(&a, &b, &read_image(path)?, samples);
+            Some(test.with_context(|| format!("cannot test by {}", path.display()))?)
+        }
+        _ => None,
+    };
     let heatmap = match &arguments.heatmap {
         None => None,
         Some(path) => {
@@ -77,7 +91,8 @@ pub fn diff(arguments: &DiffArguments) -> anyhow::Result<Report> {
             Some(Heatmap { path: path.clone(), scale: arguments.scale, low, high })
         }
     };
-    Ok(Report { a: arguments.a.clone(), b: arguments.b.clone(), comparison, heatmap, channels: arguments.channels })
+    let (a, b) = (arguments.a.clone(), arguments.b.clone());
+    Ok(Report { a, b, comparison, pixel_test, heatmap, channels: arguments.channels })
 }
 
 /// A comparison with the names of what was compared. It displays as aligned lines and serializes
@@ -91,6 +106,9 @@ pub struct Report {
     /// How they differ.
     #[serde(flatten)]
     pub comparison: ImageComparison,
+    /// The test of each pixel, if a variance was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pixel_test: Option<PixelTest>,
     /// The heatmap, if one was written.
     pub heatmap: Option<Heatmap>,
     /// Whether the lines show red, green and blue too.
@@ -152,6 +170,14 @@ impl fmt::Display for Report {
         row("  p", |d| d.p)?;
         row("max_abs_difference", |d| d.max_abs_difference)?;
 
+        if let Some(PixelTest { values, explained, share, largest_z, .. }) = &self.pixel_test {
+            let share = 100.0 * share;
+            writeln!(
+                f,
+                "{:<20}{explained} of {values} values, {share:.3} %; largest z {largest_z:.3}",
+                "noise_explains"
+            )?;
+        }
         if let Some(heatmap) = &self.heatmap {
             let (scale, low, high) = (heatmap.scale, heatmap.low, heatmap.high);
             let path = heatmap.path.display();

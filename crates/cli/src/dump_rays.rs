@@ -21,7 +21,7 @@ use super::{check_text_output, load_scene};
 /// docs/ray-dumps.md tells how to read the file.
 #[derive(Debug, clap::Args)]
 pub struct DumpRaysArguments {
-    /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
+    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
     scene: Option<PathBuf>,
     /// Scattering events before the rays: 0 is the camera's, or the first surface's shadow rays
     #[arg(long, value_name = "B")]

@@ -20,7 +20,7 @@ use raywave_studies::lab;
 /// Tell what a scene holds, what a render of it needs, and what it leaves out
 #[derive(Debug, clap::Args)]
 pub struct InfoArguments {
-    /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
+    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
     scene: Option<PathBuf>,
     /// The render that it would be.
     #[command(flatten)]

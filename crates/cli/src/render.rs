@@ -36,7 +36,7 @@ use super::{
 /// Render a scene to an image
 #[derive(Debug, clap::Args)]
 pub struct RenderArguments {
-    /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
+    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
     scene: Option<PathBuf>,
     /// Image to write: .png (sRGB), .exr (linear, with metadata) or .hdr (linear)
     #[arg(short, long, value_name = "FILE")]

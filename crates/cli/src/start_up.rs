@@ -21,7 +21,7 @@ use raywave_studies::stats::{CONFIDENCE, Estimate};
 /// cache of compiled kernels and with the caches that another process has filled.
 #[derive(Debug, clap::Args)]
 pub struct StartUpArguments {
-    /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
+    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
     scene: Option<PathBuf>,
     #[command(flatten)]
     picture: PictureArguments,

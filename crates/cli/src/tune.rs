@@ -23,7 +23,7 @@ use raywave_studies::stats::{CONFIDENCE, Estimate, FEWEST_ROUNDS, TOO_FEW_ROUNDS
 /// their share of the scene's rays. The default stays where nothing is surely faster.
 #[derive(Debug, clap::Args)]
 pub struct TuneArguments {
-    /// Scene file (.toml) or mesh (.obj); the built-in Cornell box without
+    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
     scene: Option<PathBuf>,
     #[command(flatten)]
     picture: PictureArguments,

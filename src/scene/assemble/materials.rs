@@ -11,10 +11,13 @@ use crate::image::{Encoding, Texels};
 use crate::scene::{
     Lookup, Material, Parameter, Surface, Texture, Wrap,
     error::{Location, SceneError},
-    import::{self, ImageFile, ImageSource, Map, Response},
+    import::{self, ImageFile, ImageSource, LUMINANCE, Map, Response},
     sources::{Sources, Warning},
     text::{excerpt, one_line},
 };
+
+/// What each channel gives of luminance (Rec. 709).
+const LUMINANCES: Vec3 = Vec3::new(0.212671, 0.715160, 0.072169);
 
 /// The materials of a scene in the making: those that triangles use, in order of first use.
 pub(super) struct Materials {
@@ -203,6 +206,7 @@ impl Materials {
         let most = if parameter == Parameter::Emission || parameter == Parameter::Height { f32::MAX } else { 1.0 };
         let texel = |rgba: &[f32; 4]| {
             let colour = match channel {
+                Some(LUMINANCE) => Vec3::splat(Vec3::from_slice(rgba).dot(LUMINANCES)),
                 Some(channel) => Vec3::splat(rgba[channel]),
                 None => Vec3::from_slice(rgba),
             };

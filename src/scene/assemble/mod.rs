@@ -71,14 +71,16 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
 }
 
 fn decoded_environment(environment: import::Environment, sources: &mut Sources) -> Result<Environment, SceneError> {
-    let (file, scale, rotation) = match environment {
+    let (file, scale, rotation, has_rows_at_poles) = match environment {
         import::Environment::Black => return Ok(Environment::Black),
         import::Environment::Constant(radiance) if radiance == Vec3::ZERO => return Ok(Environment::Black),
         import::Environment::Constant(radiance) => return Ok(Environment::Constant(radiance)),
-        import::Environment::LatLong { image, scale, rotation } => (image, scale, rotation),
+        import::Environment::LatLong { image, scale, rotation, has_rows_at_poles } => {
+            (image, scale, rotation, has_rows_at_poles)
+        }
     };
     let image = decoded(&file, Encoding::Srgb, sources)?;
-    let radiance: Vec<Vec3> = image.rgba.iter().map(|texel| Vec3::from_slice(texel) * scale).collect();
+    let mut radiance: Vec<Vec3> = image.rgba.iter().map(|texel| Vec3::from_slice(texel) * scale).collect();
     if radiance.iter().any(|radiance| !radiance.is_finite()) {
         let problem = format!("radiance overflows times scale {scale}; give a smaller scale");
         return Err(file.location.refuse(problem));
@@ -87,8 +89,29 @@ fn decoded_environment(environment: import::Environment, sources: &mut Sources) 
         sources.warn(format!("{}: the environment is black", file.location));
         return Ok(Environment::Black);
     }
-    let (width, height) = (image.width, image.height);
+    if has_rows_at_poles {
+        radiance = off_the_poles(&radiance, image.width as usize);
+    }
+    let (width, height) = (image.width, radiance.len() as u32 / image.width);
     Ok(Environment::LatLong(EnvironmentMap { path: file.path, width, height, radiance, rotation }))
+}
+
+/// An image whose first and last row lie on the poles as one whose rows begin there: with some rows for each, as many as fit
+/// into a sky, since what is linear between rows of the one is so only nearly between those of the other.
+fn off_the_poles(radiance: &[Vec3], width: usize) -> Vec<Vec3> {
+    const MOST_ROWS: usize = 4;
+    const MOST_TEXELS: usize = 1 << 24;
+    let gaps = (radiance.len() / width).saturating_sub(1);
+    if gaps == 0 {
+        return radiance.to_vec();
+    }
+    let rows = (MOST_TEXELS / (gaps * width)).clamp(1, MOST_ROWS);
+    let row = |row: usize| {
+        let at = (row as f32 + 0.5) / rows as f32;
+        let above = row / rows * width;
+        (above..above + width).map(move |texel| radiance[texel].lerp(radiance[texel + width], at - at.floor()))
+    };
+    (0..gaps * rows).flat_map(row).collect()
 }
 
 /// Reads an image. Every value is finite and at least 0: what is negative or NaN counts as 0, what is infinite as the

@@ -417,7 +417,8 @@ impl Reader<'_> {
                 let span = raw.scale.as_ref().map_or(0..0, Spanned::span);
                 let problem = "scale is negative or not finite; give a number of 0 or more";
                 self.require(scale.is_finite() && scale >= 0.0, span, problem)?;
-                Ok(Environment::LatLong { image: self.image(file), scale, rotation: DMat3::IDENTITY })
+                let (image, rotation) = (self.image(file), DMat3::IDENTITY);
+                Ok(Environment::LatLong { image, scale, rotation, has_rows_at_poles: false })
             }
             (Some(_), Some(file)) => {
                 let problem = "file and radiance exclude each other; remove one";

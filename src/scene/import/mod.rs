@@ -5,6 +5,7 @@
 //! is [`assemble`](super::assemble)'s: it decodes images, checks energies, places meshes in the world.
 
 mod document;
+mod mitsuba;
 mod mtl;
 mod obj;
 
@@ -46,7 +47,7 @@ pub(super) struct Import {
 }
 
 /// A mesh in its own coordinates, indexed per corner.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Mesh {
     /// The file that it is from.
     pub location: Location,
@@ -90,6 +91,9 @@ pub(super) struct Material {
     pub warnings: Vec<Warning>,
 }
 
+/// In place of a channel of an image, the luminance of its colour.
+pub(super) const LUMINANCE: usize = 4;
+
 /// What an image gives of a material: its texels times the factor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Map {
@@ -98,7 +102,7 @@ pub(super) struct Map {
     pub lookup: Lookup,
     /// Whether the image's codes are linear in the value; else they are sRGB.
     pub is_raw: bool,
-    /// The channel that gives a number, 0 to 3; means nothing of a colour.
+    /// The channel that gives a number, 0 to 3 or [`LUMINANCE`]; means nothing of a colour.
     pub channel: usize,
     /// What the texels are multiplied by.
     pub factor: Vec3,
@@ -239,6 +243,8 @@ pub(super) enum Environment {
         image: ImageFile,
         scale: f32,
         rotation: DMat3,
+        /// Whether the centres of the first and of the last row lie on the poles; else their outer edges do.
+        has_rows_at_poles: bool,
     },
 }
 
@@ -274,20 +280,21 @@ pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, Scene
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     match extension.to_str() {
         Some("toml") => document::import(path, sources),
+        Some("xml") => mitsuba::import(path, sources),
         Some("obj") => {
             let mut import = Import::default();
             let mesh = obj::Importer::default().add(path, &location, sources, &mut import)?;
             import.instances.push(Instance { mesh, transform: Transform::IDENTITY, is_mirrored: false });
             Ok(import)
         }
-        _ => Err(location.refuse("neither .toml nor .obj; name a scene file or a mesh")),
+        _ => Err(location.refuse("neither .toml, .xml nor .obj; name a scene file or a mesh")),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::sources::Files;
+    use crate::scene::{LoadOptions, sources::Files};
 
     const SCENE: &[u8] = b"[camera]\neye = [0, 0, 5]\ntarget = [0, 0, 0]\nvfov = 40\n\
         [[mesh]]\nfile = \"m.obj\"\ntranslate = [7, 0, 0]\n[[mesh]]\nfile = \"m.obj\"\nscale = 2\n\
@@ -299,7 +306,8 @@ mod tests {
 
     fn imported(name: &str) -> Import {
         let path = Path::new(name);
-        import(path, &mut Sources::new(Files::Embedded(FILES), path)).expect("the files are well formed")
+        import(path, &mut Sources::new(Files::Embedded(FILES), path, &LoadOptions::default()))
+            .expect("the files are well formed")
     }
 
     #[test]

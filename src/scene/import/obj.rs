@@ -39,25 +39,9 @@ impl Importer {
         sources: &mut Sources,
         import: &mut Import,
     ) -> Result<usize, SceneError> {
-        let bytes = sources.require(path, named_at)?;
-        let refuse = |(line, problem)| Location::line(path, line).refuse(problem);
-        let location = Location::file(path);
-        if let Some(what) = foreign(&bytes) {
-            return Err(location.refuse(format!("not an OBJ file but {what}")));
-        }
-        let text = decode(&bytes);
-        let mut notes = Notes { path, sources };
-        let vertices = read_vertices(&text, &mut notes).map_err(refuse)?;
-        if vertices.counts().iter().any(|&count| count >= NONE as usize) {
-            return Err(location.refuse("more vertices than 32-bit indices reach; split the mesh"));
-        }
-        let faces = read_faces(&text, &vertices, import.materials.len(), &mut notes).map_err(refuse)?;
-        if faces.triangles.is_empty() {
-            return Err(location.refuse("no faces; export the mesh with its polygons"));
-        }
+        let (mesh, faces) = read(path, named_at, import.materials.len(), sources)?;
         self.add_materials(path, &faces, sources, import)?;
-        let Vertices { positions, uvs, normals, .. } = vertices;
-        import.meshes.push(Mesh { location, positions, normals, uvs, colours: Vec::new(), triangles: faces.triangles });
+        import.meshes.push(mesh);
         Ok(import.meshes.len() - 1)
     }
 
@@ -125,6 +109,41 @@ impl Importer {
         self.libraries.insert(path.to_path_buf(), library.clone());
         Ok(library)
     }
+}
+
+/// Reads the mesh of a file without its materials: all its triangles are of the first.
+pub(super) fn read_mesh(path: &Path, named_at: &Location, sources: &mut Sources) -> Result<Mesh, SceneError> {
+    let (mut mesh, _) = read(path, named_at, 0, sources)?;
+    mesh.triangles.iter_mut().for_each(|triangle| triangle.material = 0);
+    Ok(mesh)
+}
+
+/// Reads a file. Materials are counted from `first_material`.
+fn read(
+    path: &Path,
+    named_at: &Location,
+    first_material: usize,
+    sources: &mut Sources,
+) -> Result<(Mesh, Faces), SceneError> {
+    let bytes = sources.require(path, named_at)?;
+    let refuse = |(line, problem)| Location::line(path, line).refuse(problem);
+    let location = Location::file(path);
+    if let Some(what) = foreign(&bytes) {
+        return Err(location.refuse(format!("not an OBJ file but {what}")));
+    }
+    let text = decode(&bytes);
+    let mut notes = Notes { path, sources };
+    let vertices = read_vertices(&text, &mut notes).map_err(refuse)?;
+    if vertices.counts().iter().any(|&count| count >= NONE as usize) {
+        return Err(location.refuse("more vertices than 32-bit indices reach; split the mesh"));
+    }
+    let mut faces = read_faces(&text, &vertices, first_material, &mut notes).map_err(refuse)?;
+    let triangles = std::mem::take(&mut faces.triangles);
+    if triangles.is_empty() {
+        return Err(location.refuse("no faces; export the mesh with its polygons"));
+    }
+    let Vertices { positions, uvs, normals, .. } = vertices;
+    Ok((Mesh { location, positions, normals, uvs, colours: Vec::new(), triangles }, faces))
 }
 
 /// The files of an `mtllib` line: one name with blanks where such a file exists, else several.

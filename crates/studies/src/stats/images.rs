@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Moments, ZTest, z_test};
+use super::{Moments, ZTest, sidak_level, z_test};
 use raywave::image::Image;
 
 /// Keeps relMSE finite if the reference is dark, in radiance squared. The 0.01 of Rousselle, Knaus and Zwicker,
@@ -112,6 +112,64 @@ pub fn compare_images(a: &Image, b: &Image) -> Result<ImageComparison, SizesDiff
         whole: all.whole().differences(),
         channels: all.channels.map(|channel| channel.differences()),
     })
+}
+
+/// What [`test_pixels`] found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PixelTest {
+    /// Values that were tested: three a pixel.
+    pub values: u64,
+    /// Values whose deviation noise explains.
+    pub explained: u64,
+    /// Their share of all, in [0, 1].
+    pub share: f64,
+    /// The level of significance of each value.
+    pub level: f64,
+    /// Largest deviation, in standard errors.
+    pub largest_z: f64,
+}
+
+/// Tests of each pixel whether an image is the reference but for noise, as the tests of Mitsuba 3's renders do
+/// (`test_renders.py`): in CIE XYZ, by the variance of one sample in the reference, at least 1e-4, and the number of samples
+/// in the image, at a level of 0.01 for all pixels together (Šidák). The reference counts as free of noise.
+///
+/// # Errors
+///
+/// When the sizes differ.
+pub fn test_pixels(image: &Image, reference: &Image, variance: &Image, samples: u32) -> Result<PixelTest, SizesDiffer> {
+    const LEVEL: f64 = 0.01;
+    const LEAST_VARIANCE: f64 = 1e-4;
+    for other in [reference, variance] {
+        let (a, b) = ((image.width, image.height), (other.width, other.height));
+        if a != b {
+            return Err(SizesDiffer { a, b });
+        }
+    }
+    let level = sidak_level(LEVEL, image.pixels.len());
+    let mut test = PixelTest { values: 0, explained: 0, share: 0.0, level, largest_z: 0.0 };
+    for ((image, reference), variance) in image.pixels.iter().zip(&reference.pixels).zip(&variance.pixels) {
+        let [image, reference, variance] = [image, reference, variance].map(|pixel| xyz(*pixel));
+        for channel in 0..3 {
+            let error = (variance[channel].max(LEAST_VARIANCE) / f64::from(samples)).sqrt();
+            let ZTest { z, p } = z_test(image[channel] - reference[channel], error);
+            test.values += 1;
+            // What is no number is explained by nothing.
+            test.explained += u64::from(p > level);
+            test.largest_z = test.largest_z.max(z.abs());
+        }
+    }
+    test.share = test.explained as f64 / test.values as f64;
+    Ok(test)
+}
+
+/// CIE XYZ of linear sRGB.
+fn xyz(rgb: Vec3) -> DVec3 {
+    let rows = [
+        DVec3::new(0.412453, 0.357580, 0.180423),
+        DVec3::new(0.212671, 0.715160, 0.072169),
+        DVec3::new(0.019334, 0.119193, 0.950227),
+    ];
+    DVec3::from_array(rows.map(|row| row.dot(rgb.as_dvec3())))
 }
 
 /// (a - b)² / (b² + 0.01) of one pixel, the mean over its channels; the mean over the pixels is
