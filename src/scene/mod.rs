@@ -1,4 +1,4 @@
-//! Scenes: TOML, OBJ, MTL and image files read into one validated [`Scene`].
+//! Scenes: TOML, OBJ, PLY, glTF and image files read into one validated [`Scene`].
 //!
 //! An importer turns a file into an `Import`, which no file format shows in (`import`); `assemble`
 //! makes the scene of it. This room knows nothing of the GPU, of BVHs or of films: everything here is
@@ -21,6 +21,7 @@ mod assemble;
 mod builder;
 mod error;
 mod import;
+mod options;
 pub mod shapes;
 mod sources;
 mod text;
@@ -34,6 +35,7 @@ use glam::{Affine2, DMat3, DVec3, Vec2, Vec3};
 
 pub use builder::SceneBuilder;
 pub use error::{Location, SceneError};
+pub use options::LoadOptions;
 use sources::{Files, Sources};
 
 /// The Cornell box of `scenes/`, part of the program.
@@ -72,7 +74,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Reads a scene file, `.toml`, or a bare mesh, `.obj`.
+    /// Reads a scene file, `.toml`, `.gltf` or `.glb`, or a bare mesh, `.obj` or `.ply`.
     ///
     /// A bare mesh is seen whole, along -z and a little from above, in an image of 512 x 512; where
     /// it has no light of its own it stands in a white environment of radiance 1.
@@ -80,17 +82,25 @@ impl Scene {
     /// # Errors
     /// Whatever is wrong with the file or with one that it names, see [`SceneError`].
     pub fn load(path: &Path) -> Result<Self, SceneError> {
-        Self::load_from(Files::Disk, path)
+        Self::load_with(path, &LoadOptions::default())
+    }
+
+    /// The same with options.
+    ///
+    /// # Errors
+    /// As [`Scene::load`], and options that do not fit the scene.
+    pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
+        Self::load_from(Files::Disk, path, options)
     }
 
     /// The built-in Cornell box, the same scene as `scenes/cornell-box.toml`.
     pub fn cornell_box() -> Self {
-        Self::load_from(Files::Embedded(CORNELL_BOX), Path::new("cornell-box.toml"))
+        Self::load_from(Files::Embedded(CORNELL_BOX), Path::new("cornell-box.toml"), &LoadOptions::default())
             .expect("the files are part of the program and a test loads them")
     }
 
-    fn load_from(files: Files, path: &Path) -> Result<Self, SceneError> {
-        let mut sources = Sources::new(files, path);
+    fn load_from(files: Files, path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
+        let mut sources = Sources::new(files, path, options);
         let import = import::import(path, &mut sources)?;
         assemble::assemble(import, path, sources)
     }

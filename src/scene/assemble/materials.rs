@@ -12,7 +12,7 @@ use crate::scene::{
     Lookup, Material, Parameter, Surface, Texture, Wrap,
     error::{Location, SceneError},
     import::{self, ImageFile, ImageSource, Map, Response},
-    sources::{Sources, Warning},
+    sources::{OUTSIDE, Sources, Warning},
     text::{excerpt, one_line},
 };
 
@@ -117,8 +117,13 @@ impl Materials {
         let is_there = !matches!(source, ImageSource::File) || sources.has(path);
         if !is_there {
             let name = one_line(&path.to_string_lossy());
-            let other = sources.in_another_case(path).map_or_else(String::new, |other| format!("; there is `{other}`"));
-            let text = format!("there is no image `{name}`; the constant is shown{other}");
+            let text = if sources.is_outside(path) {
+                format!("image `{name}` {OUTSIDE}; the constant is shown")
+            } else {
+                let other =
+                    sources.in_another_case(path).map_or_else(String::new, |other| format!("; there is `{other}`"));
+                format!("there is no image `{name}`; the constant is shown{other}")
+            };
             sources.note(&Warning { kind: "no such image", location: location.clone(), text });
         }
         is_there

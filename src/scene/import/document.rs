@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3, Vec3};
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{Environment, FARTHEST, ImageFile, Import, Instance, mtl::Definition, obj};
+use super::{Environment, FARTHEST, Format, ImageFile, Import, Instance, mtl::Definition, obj, ply};
 use crate::scene::{
     Camera,
     error::{Location, SceneError},
@@ -37,7 +37,10 @@ pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, Scene
     for MeshEntry { path, location, transform } in meshes {
         let mesh = match known.get(&path) {
             Some(&mesh) => mesh,
-            None => importer.add(&path, &location, sources, &mut import)?,
+            None => match Format::of(&path) {
+                Some(Format::Ply) => ply::add(&path, &location, sources, &mut import)?,
+                _ => importer.add(&path, &location, sources, &mut import)?,
+            },
         };
         known.insert(path, mesh);
         import.instances.push(Instance { mesh, transform, is_mirrored: false });
@@ -191,7 +194,7 @@ fn read(path: &Path, text: &str) -> Result<Document, SceneError> {
         }
     };
     if raw.mesh.is_empty() {
-        let problem = "no [[mesh]]; add one that names an OBJ file";
+        let problem = "no [[mesh]]; add one that names a mesh";
         return Err(reader.refuse_file(problem.into()));
     }
     Ok(Document {

@@ -7,6 +7,8 @@
 mod document;
 mod mtl;
 mod obj;
+mod ply;
+mod polygons;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -249,26 +251,44 @@ fn index_of_image(images: &mut Vec<ImageFile>, image: &ImageFile) -> usize {
     })
 }
 
+/// The formats of files that hold meshes and perhaps more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Obj,
+    Ply,
+}
+
+impl Format {
+    /// That of a file, by the extension of its name.
+    fn of(path: &Path) -> Option<Self> {
+        match path.extension().unwrap_or_default().to_ascii_lowercase().to_str() {
+            Some("obj") => Some(Self::Obj),
+            Some("ply") => Some(Self::Ply),
+            _ => None,
+        }
+    }
+}
+
 /// Imports a file by the importer that the extension of its name stands for.
 pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, SceneError> {
     let location = Location::file(path);
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    match extension.to_str() {
-        Some("toml") => document::import(path, sources),
-        Some("obj") => {
-            let mut import = Import::default();
-            let mesh = obj::Importer::default().add(path, &location, sources, &mut import)?;
-            import.instances.push(Instance { mesh, transform: Transform::IDENTITY, is_mirrored: false });
-            Ok(import)
-        }
-        _ => Err(location.refuse("neither .toml nor .obj; name a scene file or a mesh")),
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
+        return document::import(path, sources);
     }
+    let mut import = Import::default();
+    let mesh = match Format::of(path) {
+        Some(Format::Obj) => obj::Importer::default().add(path, &location, sources, &mut import)?,
+        Some(Format::Ply) => ply::add(path, &location, sources, &mut import)?,
+        None => return Err(location.refuse("neither .toml nor .obj nor .ply; name a scene file or a mesh")),
+    };
+    import.instances.push(Instance { mesh, transform: Transform::IDENTITY, is_mirrored: false });
+    Ok(import)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::sources::Files;
+    use crate::scene::{LoadOptions, sources::Files};
 
     const SCENE: &[u8] = b"[camera]\neye = [0, 0, 5]\ntarget = [0, 0, 0]\nvfov = 40\n\
         [[mesh]]\nfile = \"m.obj\"\ntranslate = [7, 0, 0]\n[[mesh]]\nfile = \"m.obj\"\nscale = 2\n\
@@ -280,7 +300,8 @@ mod tests {
 
     fn imported(name: &str) -> Import {
         let path = Path::new(name);
-        import(path, &mut Sources::new(Files::Embedded(FILES), path)).expect("the files are well formed")
+        import(path, &mut Sources::new(Files::Embedded(FILES), path, &LoadOptions::default()))
+            .expect("the files are well formed")
     }
 
     #[test]
