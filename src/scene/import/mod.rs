@@ -5,11 +5,13 @@
 //! is [`assemble`](super::assemble)'s: it decodes images, checks energies, places meshes in the world.
 
 mod document;
+mod gltf;
 mod mtl;
 mod obj;
 mod ply;
 mod polygons;
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -62,7 +64,7 @@ pub(super) struct Mesh {
 }
 
 /// A mesh, by its index in [`Import::meshes`], in its place in the world.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Instance {
     pub mesh: usize,
     pub transform: Transform,
@@ -99,7 +101,7 @@ pub(super) struct Map {
     pub is_raw: bool,
     /// The channel that gives a number, 0 to 3; means nothing of a colour.
     pub channel: usize,
-    /// What the texels are multiplied by.
+    /// What the texels are multiplied by; of a normal its coordinates, once they are in [-1, 1].
     pub factor: Vec3,
     /// What is made of the product.
     pub response: Response,
@@ -251,38 +253,62 @@ fn index_of_image(images: &mut Vec<ImageFile>, image: &ImageFile) -> usize {
     })
 }
 
-/// The formats of files that hold meshes and perhaps more.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Format {
-    Obj,
-    Ply,
+/// Importers of the files of one scene that hold meshes and perhaps more.
+#[derive(Debug, Default)]
+struct MeshFiles {
+    obj: obj::Importer,
+    /// What is in each file.
+    known: HashMap<PathBuf, Vec<Instance>>,
 }
 
-impl Format {
-    /// That of a file, by the extension of its name.
-    fn of(path: &Path) -> Option<Self> {
-        match path.extension().unwrap_or_default().to_ascii_lowercase().to_str() {
-            Some("obj") => Some(Self::Obj),
-            Some("ply") => Some(Self::Ply),
-            _ => None,
+impl MeshFiles {
+    /// Adds the meshes of a file, once however often it is asked for, and what they need. Returns where they are in it.
+    fn add(
+        &mut self,
+        path: &Path,
+        named_at: &Location,
+        sources: &mut Sources,
+        import: &mut Import,
+    ) -> Result<&[Instance], SceneError> {
+        if !self.known.contains_key(path) {
+            let whole = |mesh| vec![Instance { mesh, transform: Transform::IDENTITY, is_mirrored: false }];
+            let instances = match extension(path).as_str() {
+                "ply" => whole(ply::add(path, named_at, sources, import)?),
+                "gltf" | "glb" => {
+                    let contents = gltf::read(path, named_at, sources, import)?;
+                    contents.note_rest(path, sources);
+                    contents.instances
+                }
+                _ => whole(self.obj.add(path, named_at, sources, import)?),
+            };
+            self.known.insert(path.to_path_buf(), instances);
         }
+        Ok(&self.known[path])
     }
+}
+
+/// The extension of a file's name in small letters.
+fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
 /// Imports a file by the importer that the extension of its name stands for.
 pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, SceneError> {
     let location = Location::file(path);
-    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
-        return document::import(path, sources);
+    let extension = extension(path);
+    if sources.options.camera.is_some() && !["gltf", "glb"].contains(&&*extension) {
+        return Err(location.refuse("its cameras have no names; leave out --camera"));
     }
-    let mut import = Import::default();
-    let mesh = match Format::of(path) {
-        Some(Format::Obj) => obj::Importer::default().add(path, &location, sources, &mut import)?,
-        Some(Format::Ply) => ply::add(path, &location, sources, &mut import)?,
-        None => return Err(location.refuse("neither .toml nor .obj nor .ply; name a scene file or a mesh")),
-    };
-    import.instances.push(Instance { mesh, transform: Transform::IDENTITY, is_mirrored: false });
-    Ok(import)
+    match &*extension {
+        "toml" => document::import(path, sources),
+        "gltf" | "glb" => gltf::import(path, sources),
+        "obj" | "ply" => {
+            let mut import = Import::default();
+            let instances = MeshFiles::default().add(path, &location, sources, &mut import)?.to_vec();
+            Ok(Import { instances, ..import })
+        }
+        _ => Err(location.refuse("neither .toml nor .gltf, .glb, .obj or .ply; name a scene file or a mesh")),
+    }
 }
 
 #[cfg(test)]
