@@ -206,7 +206,7 @@ impl Nodes {
                 }
                 &shown.nodes
             }
-            None if document.scenes.is_empty() => &roots,
+            None if document.scene.is_none() => &roots,
             None => return Err(format!("no scene {scene}; export it anew")),
         };
         let mut shown = Vec::new();
