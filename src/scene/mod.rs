@@ -20,6 +20,7 @@
 mod assemble;
 mod builder;
 mod error;
+mod export;
 mod import;
 mod options;
 pub mod shapes;
@@ -32,9 +33,11 @@ use std::sync::Arc;
 
 use crate::settings::Settings;
 use glam::{Affine2, DMat3, DVec3, Vec2, Vec3};
+use rayon::prelude::*;
 
 pub use builder::SceneBuilder;
 pub use error::{Location, SceneError};
+pub use export::{MeshFormat, SceneFiles};
 pub use options::LoadOptions;
 use sources::{Files, Sources};
 
@@ -176,12 +179,15 @@ impl Mesh {
     /// The lowest and highest corner of the box around all triangles; of an empty mesh, infinite
     /// and the wrong way round.
     pub fn bounds(&self) -> (DVec3, DVec3) {
-        let corners = self.triangles.iter().flat_map(|triangle| triangle.positions);
         let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        corners.fold(empty, |(low, high), corner| {
-            let point = self.positions[corner as usize];
-            (low.min(point), high.max(point))
-        })
+        let around = |(low, high): (DVec3, DVec3), triangle: &Triangle| {
+            let corners = triangle.positions.map(|corner| self.positions[corner as usize]);
+            corners.into_iter().fold((low, high), |(low, high), point| (low.min(point), high.max(point)))
+        };
+        let both = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
+        let (low, high) = self.triangles.par_iter().fold(|| empty, around).reduce(|| empty, both);
+        // Which of two zeros is least is left to chance.
+        (low + DVec3::ZERO, high + DVec3::ZERO)
     }
 }
 

@@ -5,6 +5,7 @@
 
 pub mod compare;
 mod compiled;
+mod convert;
 mod devices;
 pub mod diff;
 mod dump_rays;
@@ -49,6 +50,7 @@ enum Command {
     /// List the Vulkan devices and the one that a render would take
     Devices(devices::DevicesArguments),
     Info(info::InfoArguments),
+    Convert(convert::ConvertArguments),
     Diff(diff::DiffArguments),
     Compare(Box<compare::CompareArguments>),
     Tradeoff(Box<tradeoff::TradeoffArguments>),
@@ -95,6 +97,7 @@ pub fn main() -> ExitCode {
         Command::Render(arguments) => render::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
+        Command::Convert(arguments) => convert::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments, |arguments| {
             renderer(&arguments.picture, arguments.start_ups, arguments.quiet, arguments.clocks.clone())

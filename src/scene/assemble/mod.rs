@@ -36,7 +36,7 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
         if own.is_empty() {
             continue;
         }
-        without_area += mesh.add_instances(&imported, own.iter(), &mut materials, &mut sources)?;
+        without_area += mesh.add_instances(imported, own, &mut materials, &mut sources)?;
     }
     if mesh.triangles.is_empty() {
         return Err(location.refuse("no triangle has an area; check scale and the mesh"));

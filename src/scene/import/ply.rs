@@ -595,12 +595,12 @@ impl Building {
     }
 
     /// The index of a corner: position, texture coordinates and normal have the same.
+    #[inline]
     fn corner(&self, index: f64) -> Result<u32, String> {
         let count = self.positions.len();
-        if !(index >= 0.0 && index < count as f64 && index.fract() == 0.0) {
+        let Some(index) = whole(index).filter(|index| (*index as usize) < count) else {
             return Err(format!("vertex index {index} is out of range; the file has {count}, counted from 0"));
-        }
-        let index = index as u32;
+        };
         if !self.bad_positions.is_empty() && self.bad_positions.contains(&index) {
             return Err(format!("vertex {index}, counted from 0, is not finite; correct or remove it"));
         }
@@ -608,25 +608,25 @@ impl Building {
     }
 
     /// The indices of a corner into positions, texture coordinates and normals.
+    #[inline]
     fn indices(&self, corner: u32) -> [u32; 3] {
         let has_uv = !self.uvs.is_empty() && (self.bad_uvs.is_empty() || !self.bad_uvs.contains(&corner));
         [corner, if has_uv { corner } else { NONE }, if self.normals.is_empty() { NONE } else { corner }]
     }
 
+    #[inline]
     fn add_face(&mut self, corners: &[u32]) {
         if corners.len() < 3 {
             self.short_faces += 1;
             return;
         }
-        let add = |building: &mut Self, corners: &[[u32; 3]]| {
-            building.polygons.add(corners, &building.positions, building.material, &mut building.triangles);
-        };
-        match corners {
-            [a, b, c] => add(self, &[self.indices(*a), self.indices(*b), self.indices(*c)]),
-            _ => {
-                let corners: Vec<[u32; 3]> = corners.iter().map(|corner| self.indices(*corner)).collect();
-                add(self, &corners);
-            }
+        let indices = |corner: &u32| self.indices(*corner);
+        if let [a, b, c] = corners {
+            let triangle = [a, b, c].map(indices);
+            self.polygons.add(&triangle, &self.positions, self.material, &mut self.triangles);
+        } else {
+            let polygon: Vec<[u32; 3]> = corners.iter().map(indices).collect();
+            self.polygons.add(&polygon, &self.positions, self.material, &mut self.triangles);
         }
     }
 
@@ -639,6 +639,7 @@ impl Building {
     }
 }
 
+#[inline]
 fn skip<N: Numbers>(property: &Property, numbers: &mut N) -> Result<(), Fault> {
     let count = if property.length.is_some() { length_of(property, numbers)? } else { 1 };
     for _ in 0..count {
@@ -648,12 +649,20 @@ fn skip<N: Numbers>(property: &Property, numbers: &mut N) -> Result<(), Fault> {
 }
 
 /// The length of a list that begins here.
+#[inline]
 fn length_of<N: Numbers>(property: &Property, numbers: &mut N) -> Result<usize, Fault> {
     let length = numbers.next(property.length.unwrap_or(Scalar::U8)).ok_or_else(|| numbers.fault())?;
-    if !(length >= 0.0 && length.fract() == 0.0) {
-        let problem = format!("a list of {length} numbers; give a whole number");
-        return Err(Fault::new(numbers.line(), problem));
+    match whole(length) {
+        // What is too long ends with the file.
+        Some(length) => Ok(length as usize),
+        None => Err(Fault::new(numbers.line(), format!("a list of {length} numbers; give a whole number"))),
     }
-    // What is too long ends with the file.
-    Ok(length as usize)
+}
+
+/// A whole number of 32 bits, where it is one.
+#[inline]
+fn whole(number: f64) -> Option<u32> {
+    // A cast saturates.
+    let whole = number as u32;
+    (f64::from(whole) == number).then_some(whole)
 }
