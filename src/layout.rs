@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::constants::{MATERIAL_BINS, TRACED_SAMPLES};
 
-/// What is uniform over a render. 176 bytes of a std140 block.
+/// What is uniform over a render. 188 bytes of a std140 block.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[allow(missing_docs, reason = "each field is described at its GLSL twin")]
@@ -39,6 +39,8 @@ pub struct Frame {
     pub radiance_clamp: f32,
     pub roulette_from: u32,
     pub camera_distance: f32,
+    pub is_orthographic: u32,
+    pub height_scale: f32,
 }
 
 /// Inner BVH node: the boxes and references of its two children. 64 bytes, 4 texels.

@@ -34,6 +34,8 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     float radiance_clamp;       // the most that one vertex adds of indirect light
     uint roulette_from;         // first vertex with Russian roulette by throughput
     float camera_distance;      // from the pinhole to camera_eye, along the view axis; 0 unless the scene is far
+    uint is_orthographic;       // 1 where all rays go forward, from camera_eye and what lies across
+    float height_scale;         // normalised lengths of a unit of height
 } frame;
 
 #ifdef TEXEL_FETCH

@@ -1,4 +1,4 @@
-// The camera: a uniform point of the pixel (box filter), through a pinhole or a thin lens.
+// The camera: a uniform point of the pixel (box filter), through a pinhole or a thin lens, or straight on.
 #ifndef CAMERA_GLSL
 #define CAMERA_GLSL
 #include "geometry.glsl"
@@ -10,6 +10,9 @@ Ray camera_ray(uint pixel, vec4 u) {
     vec3 across = (2.0 * position.x - 1.0) * frame.camera_right + (1.0 - 2.0 * position.y) * frame.camera_up;
     vec3 direction = frame.camera_forward + across;
     vec3 origin = frame.camera_eye;
+    if (HAS_ORTHOGRAPHIC && frame.is_orthographic != 0u) {
+        return Ray(origin + across, frame.camera_forward, no_primitive());
+    }
     // A camera far away: the ray starts where it crosses a plane in front of the scene. The pinhole's coordinates are so
     // large that they have fewer digits behind the point than the scene's, and so would every hit.
     if (HAS_DISTANCE) {

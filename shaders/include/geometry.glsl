@@ -37,9 +37,15 @@ struct Surface {
     vec3 geometric_normal;  // unit, out of the front side
     vec3 shading_normal;    // unit, on the same side
     vec2 uv;
+    vec3 along_u;           // the change of position by the first texture coordinate, zero where there is none
+    vec3 along_v;           // by the second
     Primitive primitive;
     uint material;
 };
+
+// Whether shading normals may differ from geometric ones, and whether it matters where texture coordinates grow.
+const bool HAS_SHADING_NORMALS = HAS_NORMALS || HAS_NORMAL_TEXTURES;
+const bool HAS_TANGENTS = HAS_ANISOTROPY || HAS_NORMAL_TEXTURES;
 
 // A bound of n roundings. (Pharr, Jakob and Humphreys, Physically Based Rendering, 6.8)
 float rounding_bound(float n) { return n * 5.9604645e-8 / (1.0 - n * 5.9604645e-8); }
@@ -83,6 +89,12 @@ Ray spawn_ray(Surface surface, vec3 direction) {
     return Ray(offset_from_plane(surface.position, surface.position_error, side), direction, leaves);
 }
 
+// Texture coordinates at barycentrics of a triangle by its index in the scene's order.
+vec2 corner_uv_at(uint original, vec2 barycentrics) {
+    vec2 first = (1.0 - barycentrics.x - barycentrics.y) * fetch_corner_uv(original, 0u);
+    return first + barycentrics.x * fetch_corner_uv(original, 1u) + barycentrics.y * fetch_corner_uv(original, 2u);
+}
+
 vec3 geometric_normal(Triangle t) { return normalize(cross(t.v1 - t.v0, t.v2 - t.v0)); }
 
 Surface surface_at(Hit hit) {
@@ -92,6 +104,8 @@ Surface surface_at(Hit hit) {
     surface.geometric_normal = geometric_normal(t);
     surface.shading_normal = surface.geometric_normal;
     surface.uv = vec2(0.0);
+    surface.along_u = vec3(0.0);
+    surface.along_v = vec3(0.0);
     surface.primitive = hit.primitive;
     surface.material = t.material;
     vec3 weights = vec3(1.0 - hit.barycentrics.x - hit.barycentrics.y, hit.barycentrics);
@@ -105,9 +119,19 @@ Surface surface_at(Hit hit) {
             surface.shading_normal = dot(n, surface.geometric_normal) < 0.0 ? -n : n;
         }
     }
-    if (HAS_TEXTURES) {
-        surface.uv = weights.x * fetch_corner_uv(t.original, 0u) + weights.y * fetch_corner_uv(t.original, 1u)
-            + weights.z * fetch_corner_uv(t.original, 2u);
+    if (HAS_TEXTURES || HAS_DETAIL_TEXTURES || HAS_TANGENTS) {
+        vec2 a = fetch_corner_uv(t.original, 0u);
+        vec2 b = fetch_corner_uv(t.original, 1u);
+        vec2 c = fetch_corner_uv(t.original, 2u);
+        surface.uv = weights.x * a + weights.y * b + weights.z * c;
+        if (HAS_TANGENTS) {
+            vec2 ab = b - a;
+            vec2 ac = c - a;
+            float determinant = ab.x * ac.y - ab.y * ac.x;
+            float inverse = determinant != 0.0 ? 1.0 / determinant : 0.0;
+            surface.along_u = (ac.y * (t.v1 - t.v0) - ab.y * (t.v2 - t.v0)) * inverse;
+            surface.along_v = (ab.x * (t.v2 - t.v0) - ac.x * (t.v1 - t.v0)) * inverse;
+        }
     }
     return surface;
 }

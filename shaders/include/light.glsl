@@ -42,9 +42,24 @@ vec2 environment_uv(vec3 direction) {
     return vec2(0.5 + across * INVERSE_TWO_PI, down * INVERSE_PI);
 }
 
+// A direction of the world in the lat-long image, and back.
+vec3 to_environment(vec3 direction) {
+    if (HAS_TURNED_ENVIRONMENT) {
+        direction = vec3(dot(direction, frame.environment_x), dot(direction, frame.environment_y), dot(direction, frame.environment_z));
+    }
+    return direction;
+}
+
+vec3 from_environment(vec3 direction) {
+    if (HAS_TURNED_ENVIRONMENT) {
+        direction = frame.environment_x * direction.x + frame.environment_y * direction.y + frame.environment_z * direction.z;
+    }
+    return direction;
+}
+
 vec3 environment_radiance(vec3 direction) {
     if (environment_is(ENVIRONMENT_LAT_LONG)) {
-        vec2 p = environment_uv(direction) * vec2(frame.environment_width, frame.environment_height) - 0.5;
+        vec2 p = environment_uv(to_environment(direction)) * vec2(frame.environment_width, frame.environment_height) - 0.5;
         ivec2 corner = ivec2(floor(p));
         vec2 f = p - vec2(corner);
         vec3 top = mix(environment_texel(corner), environment_texel(corner + ivec2(1, 0)), f.x);
@@ -65,15 +80,28 @@ float texel_solid_angle(uint row, out float cos_range) {
 // Pdf over solid angle of a sample of the lat-long image in a direction.
 float lat_long_pdf(vec3 direction) {
     uvec2 size = uvec2(frame.environment_width, frame.environment_height);
-    uvec2 at = min(uvec2(environment_uv(direction) * vec2(size)), size - 1u);
+    uvec2 at = min(uvec2(environment_uv(to_environment(direction)) * vec2(size)), size - 1u);
     float cos_range;
     float solid_angle = texel_solid_angle(at.y, cos_range);
     return environment_texel_probability(at.y * size.x + at.x) / solid_angle;
 }
 
+// Whether some BSDF transmits light into more than one direction.
+const bool HAS_ROUGH_TRANSMISSION = HAS_ROUGH_DIELECTRIC;
+
+// Whether a BSDF of these components gathers light from both sides of the surface.
+bool gathers_from_both_sides(uint flags) {
+    return HAS_ROUGH_TRANSMISSION && (flags & BSDF_TRANSMIT) != 0u && (flags & BSDF_NON_SPECULAR) != 0u;
+}
+
 // The same of a sample of a constant environment, which depends on the surface that is lit.
-float constant_environment_pdf(Surface surface, vec3 wo, vec3 direction) {
-    return max(0.0, dot(normal_towards(surface, wo), direction)) * INVERSE_PI;
+float constant_environment_pdf(Surface surface, vec3 wo, uint flags, vec3 direction) {
+    float cosine = dot(normal_towards(surface, wo), direction);
+    float pdf = max(0.0, cosine) * INVERSE_PI;
+    if (gathers_from_both_sides(flags)) {
+        pdf = abs(cosine) * INVERSE_TWO_PI;
+    }
+    return pdf;
 }
 
 // Samples a texel by hierarchical warping: chooses a half of the image by u.y, a quarter by u.x, and descends. Points that
@@ -107,16 +135,21 @@ LightSample sample_lat_long(Surface surface, vec4 u) {
     float solid_angle = texel_solid_angle(texel.y, cos_range);
     float cos_theta = on_circle(0.5 * corner.y / size.y).x - u.w * cos_range;
     vec2 across = sqrt(max(0.0, 1.0 - cos_theta * cos_theta)) * on_circle(turns);
-    vec3 direction = vec3(across.y, cos_theta, -across.x);
+    vec3 direction = from_environment(vec3(across.y, cos_theta, -across.x));
     float pdf = probability / solid_angle;
     return LightSample(spawn_ray(surface, direction), direction, no_primitive(), environment_radiance(direction) / pdf, pdf);
 }
 
 // Of a constant environment only the cosine matters: it is sampled like the Lambert BRDF.
-LightSample sample_constant_environment(Surface surface, vec3 wo, vec2 u) {
+LightSample sample_constant_environment(Surface surface, vec3 wo, uint flags, vec2 u) {
     vec3 n = normal_towards(surface, wo);
+    float side_pmf = 1.0;
+    if (gathers_from_both_sides(flags)) {
+        n = split_sample(u.x, 0.5) ? -n : n;
+        side_pmf = 0.5;
+    }
     vec3 direction = sample_cosine(n, u);
-    float pdf = dot(n, direction) * INVERSE_PI;
+    float pdf = dot(n, direction) * INVERSE_PI * side_pmf;
     vec3 radiance = pdf > 0.0 ? frame.environment_radiance / pdf : vec3(0.0);
     return LightSample(spawn_ray(surface, direction), direction, no_primitive(), radiance, pdf > 0.0 ? pdf : 1.0);
 }
@@ -143,6 +176,9 @@ LightSample sample_area_light(Surface surface, vec3 u) {
     float distance2 = dot(ray.direction, ray.direction);
     float cos_light = -dot(normal, direction);
     vec3 emission = material_emission(t.material);
+    if (HAS_DETAIL_TEXTURES) {
+        emission = textured(fetch_material_detail(t.material).map_ke, corner_uv_at(t.original, sample_triangle(u.xy)), emission);
+    }
     // Only the front side emits. Area becomes solid angle.
     bool lit = cos_light > 0.0 && distance2 > 0.0;
     float area = light_area(triangle);
@@ -151,32 +187,94 @@ LightSample sample_area_light(Surface surface, vec3 u) {
     return LightSample(ray, direction, Primitive(triangle), radiance, pdf);
 }
 
-// Probability that a light sample is of the environment, or else of the area lights.
-float light_selection_pmf(bool of_environment) {
-    if (HAS_ENVIRONMENT && HAS_LIGHTS) {
-        return of_environment ? frame.sky_probability : 1.0 - frame.sky_probability;
+// Stands for the primitive of a light that is none: a ray ends there and nothing can be hit.
+Primitive at_point() { return Primitive(NO_TRIANGLE - 1u); }
+
+// Intensity of a spot in the direction of unit `from` the light, over that along its axis.
+float spot_falloff(PunctualLight light, vec3 from) {
+    float cosine = dot(light.direction, from);
+    if (light.kind == LIGHT_SPOT) {
+        // The angle from the chord: an arc cosine is coarse near the axis.
+        vec3 across = cross(light.direction, from);
+        float angle = angle_of(cosine, length(across));
+        return clamp((light.none_from - angle) / max(light.none_from - light.full_from, 1e-6), 0.0, 1.0);
     }
-    return 1.0;
+    float share = clamp((cosine - light.none_from) / max(light.full_from - light.none_from, 1e-6), 0.0, 1.0);
+    return share * share;
 }
 
-// One sample of all light: of an area light, or of the environment.
-LightSample sample_light(Surface surface, vec3 wo, vec4 u) {
-    bool of_environment = HAS_ENVIRONMENT;
-    if (HAS_ENVIRONMENT && HAS_LIGHTS) {
-        of_environment = !split_sample(u.x, frame.sky_probability);
+// A light that is no surface, by its strength.
+LightSample sample_punctual_light(Surface surface, vec4 u) {
+    PunctualLight light = fetch_punctual_light(split_sample_evenly(u.x, frame.punctual_count, u.z));
+    if (split_sample(u.x, light.threshold)) {
+        light = fetch_punctual_light(light.alias);
     }
+    if (light.kind == LIGHT_DIRECTIONAL) {
+        vec3 direction = -light.direction;
+        return LightSample(spawn_ray(surface, direction), direction, no_primitive(), light.emission, ONE_DIRECTION);
+    }
+    vec3 towards = light.position - surface.position;
+    float distance2 = dot(towards, towards);
+    vec3 direction = distance2 > 0.0 ? normalize(towards) : surface.geometric_normal;
+    Ray ray = spawn_ray(surface, direction);
+    ray.direction = light.position - ray.origin;
+    vec3 radiance = distance2 > 0.0 ? light.emission / distance2 : vec3(0.0);
+    if (light.kind != LIGHT_POINT) {
+        radiance *= spot_falloff(light, -direction);
+    }
+    return LightSample(ray, direction, at_point(), radiance, ONE_DIRECTION);
+}
+
+// Kinds of light between which a light sample chooses.
+const uint LIGHTS_OF_AREAS = 0u;
+const uint LIGHTS_OF_ENVIRONMENT = 1u;
+const uint LIGHTS_OF_POINTS = 2u;
+
+// Probability that a light sample is of that kind.
+float light_selection_pmf(uint kind) {
+    float pmf = 1.0;
+    float rest = 1.0;
+    if (HAS_PUNCTUAL_LIGHTS) {
+        pmf = frame.punctual_probability;
+        rest = 1.0 - frame.punctual_probability;
+    }
+    if (kind != LIGHTS_OF_POINTS) {
+        pmf = rest;
+        if (HAS_ENVIRONMENT && HAS_LIGHTS) {
+            pmf = kind == LIGHTS_OF_ENVIRONMENT ? frame.sky_probability : 1.0 - frame.sky_probability;
+            pmf = HAS_PUNCTUAL_LIGHTS ? pmf * rest : pmf;
+        }
+    }
+    return pmf;
+}
+
+// One sample of all light that a BSDF of these components gathers: of an area light, of the environment, or of a light that
+// is no surface.
+LightSample sample_light(Surface surface, vec3 wo, uint flags, vec4 u) {
+    uint kind = HAS_ENVIRONMENT ? LIGHTS_OF_ENVIRONMENT : LIGHTS_OF_AREAS;
+    bool of_point = false;
+    if (HAS_PUNCTUAL_LIGHTS) {
+        of_point = !split_sample(u.x, frame.punctual_probability);
+    }
+    if (HAS_ENVIRONMENT && HAS_LIGHTS) {
+        kind = split_sample(u.x, frame.sky_probability) ? LIGHTS_OF_AREAS : LIGHTS_OF_ENVIRONMENT;
+    }
+    kind = of_point ? LIGHTS_OF_POINTS : kind;
     LightSample light;
-    if (HAS_ENVIRONMENT && (!HAS_LIGHTS || of_environment)) {
+    if (HAS_PUNCTUAL_LIGHTS && kind == LIGHTS_OF_POINTS) {
+        light = sample_punctual_light(surface, u);
+    } else if (HAS_ENVIRONMENT && (!HAS_LIGHTS || kind == LIGHTS_OF_ENVIRONMENT)) {
         if (environment_is(ENVIRONMENT_LAT_LONG)) {
             light = sample_lat_long(surface, u);
         } else {
-            light = sample_constant_environment(surface, wo, u.zw);
+            light = sample_constant_environment(surface, wo, flags, u.zw);
         }
     } else {
         light = sample_area_light(surface, u.xyz);
     }
-    light.radiance *= 1.0 / light_selection_pmf(of_environment);
-    light.pdf *= light_selection_pmf(of_environment);
+    light.radiance *= 1.0 / light_selection_pmf(kind);
+    light.pdf *= light_selection_pmf(kind);
+    light.pdf = HAS_PUNCTUAL_LIGHTS && kind == LIGHTS_OF_POINTS ? ONE_DIRECTION : light.pdf;
     return light;
 }
 

@@ -5,6 +5,7 @@
 #include "bsdf.glsl"
 #include "camera.glsl"
 #include "light.glsl"
+#include "normal_map.glsl"
 #include "random.glsl"
 #include "skippable_if.glsl"
 
@@ -71,7 +72,7 @@ Vertex shade_miss(Path path) {
             if (environment_is(ENVIRONMENT_LAT_LONG)) {
                 light_pdf = lat_long_pdf(path.ray.direction);
             }
-            light *= mis_weight(path.pdf, light_selection_pmf(true) * light_pdf);
+            light *= mis_weight(path.pdf, light_selection_pmf(LIGHTS_OF_ENVIRONMENT) * light_pdf);
         }
     }
     return vertex_without_scatter(clamped(light, path.bounce));
@@ -112,25 +113,38 @@ Vertex shade_hit(inout Path path, Hit hit) {
     Surface surface = surface_at(hit);
     Material material = material_at(surface);
     vec3 wo = -path.ray.direction;
+    Vertex vertex = vertex_without_scatter(vec3(0.0));
     if (is_emissive(material)) {
         bool lit = path.sees_emission && side_of(surface, wo) > 0.0;
         vec3 light = path.throughput * material.ke;
         if (MIS) {
             float cos_light = dot(surface.geometric_normal, wo);
             float light_pdf = area_light_pdf(light_area(hit.primitive.triangle), hit.distance * hit.distance, cos_light);
-            light *= mis_weight(path.pdf, light_selection_pmf(false) * light_pdf);
+            light *= mis_weight(path.pdf, light_selection_pmf(LIGHTS_OF_AREAS) * light_pdf);
         }
-        return vertex_without_scatter(lit ? clamped(light, path.bounce) : vec3(0.0));
+        vertex.emission = lit ? clamped(light, path.bounce) : vec3(0.0);
+        if (!scatters_too(material)) {
+            return vertex;
+        }
     }
-    Vertex vertex = vertex_without_scatter(vec3(0.0));
     if (!SCATTERS || (BOUNDED && path.bounce == frame.max_bounces)) {
         return vertex;
+    }
+    // What the vertex draws for scattering: for roulette, for a component, for a direction.
+    vec4 u;
+    if (HAS_BLENDS) {
+        u = random4(path.pixel, path.sample_index, scatter_block(path.bounce), frame.seed);
+        surface.material = part_of_blend(surface, wo, u.y);
+        material = material_at(surface);
+    }
+    if (HAS_NORMAL_TEXTURES) {
+        surface = with_normal_map(surface, wo);
     }
     uint flags = bsdf_flags(material);
 
     // Next-event estimation: sample a light. A BSDF that is all specular scatters none of it.
     if (INTEGRATOR != INTEGRATOR_IMPLICIT && CASTS_SHADOWS) {
-        LightSample light = sample_light(surface, wo, random4(path.pixel, path.sample_index, light_block(path.bounce), frame.seed));
+        LightSample light = sample_light(surface, wo, flags, random4(path.pixel, path.sample_index, light_block(path.bounce), frame.seed));
         BsdfValue value = evaluate_bsdf(material, surface, wo, light.direction);
         vertex.shadow.ray = light.ray;
         vertex.shadow.light = light.light;
@@ -147,7 +161,9 @@ Vertex shade_hit(inout Path path, Hit hit) {
     }
 
     // Constant Russian roulette: end the path with probability q.
-    vec4 u = random4(path.pixel, path.sample_index, scatter_block(path.bounce), frame.seed);
+    if (!HAS_BLENDS) {
+        u = random4(path.pixel, path.sample_index, scatter_block(path.bounce), frame.seed);
+    }
     if (HAS_ROULETTE && !ROULETTE_BY_THROUGHPUT) {
         if (u.x < frame.roulette) {
             return vertex;
@@ -178,7 +194,7 @@ Vertex shade_hit(inout Path path, Hit hit) {
     if (MIS) {
         path.pdf = drawn.pdf;
         if (environment_is(ENVIRONMENT_CONSTANT)) {
-            path.sky_pdf = constant_environment_pdf(surface, wo, drawn.direction);
+            path.sky_pdf = constant_environment_pdf(surface, wo, flags, drawn.direction);
         }
     }
     path.ray = spawn_ray(surface, drawn.direction);

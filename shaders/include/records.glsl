@@ -25,9 +25,9 @@ uint triangle_material(uint index) { return fetch_triangles(TRIANGLE_TEXELS * in
 float light_area(uint index) { return uintBitsToFloat(fetch_triangles(TRIANGLE_TEXELS * index + 2u).w); }
 
 struct Material {
-    vec3 kd;       // Lambert reflectance
+    vec3 kd;       // Lambert reflectance, or base colour
     uint surface;  // one of SURFACE_*
-    vec3 ks;       // Phong lobe weight, or mirror reflectance
+    vec3 ks;       // Phong lobe weight, mirror reflectance, or what multiplies other specular reflection
     float ns;      // Phong exponent
     vec3 ke;       // emitted radiance
     float ni;      // index of refraction inside
@@ -44,6 +44,43 @@ Material fetch_material(uint index) {
         uintBitsToFloat(c.xyz), uintBitsToFloat(c.w), uintBitsToFloat(d.xyz), d.w);
 }
 
+// What else a material may have. Places of images are one more than their headers; 0 is none.
+struct MaterialDetail {
+    vec3 eta;                 // real part of a metal's index of refraction
+    vec3 absorption;          // its imaginary part
+    vec2 alpha;               // widths of the microfacets' distribution along the tangent and across it
+    float metalness;          // share of metal
+    float coat;               // share of the clear coat
+    float coat_alpha;         // width of the distribution of its microfacets
+    float weight;             // share of a blend's first part
+    uint map_ks;
+    uvec2 map_alpha;
+    uint map_metalness;
+    uint map_normal;
+    uint map_height;
+    uint map_ke;
+    uint map_weight;
+    uint first;               // of a blend: the first part, or the front
+    uint second;              // the second part, or the back
+    bool nonlinear;           // whether what is reflected inside a coat shifts the colour of its base
+    float inner_reflectance;  // share of diffuse light that the inside of a coat reflects
+    vec3 mean_reflectance;    // at the microfacets, weighted by the cosine
+    uint table;               // of microfacets: one more than its place, or 0
+};
+
+MaterialDetail fetch_material_detail(uint index) {
+    uint place = MATERIAL_DETAIL_TEXELS * index;
+    uvec4 a = fetch_material_details(place);
+    uvec4 b = fetch_material_details(place + 1u);
+    vec4 c = uintBitsToFloat(fetch_material_details(place + 2u));
+    uvec4 d = fetch_material_details(place + 3u);
+    uvec4 e = fetch_material_details(place + 4u);
+    uvec4 f = fetch_material_details(place + 5u);
+    uvec4 g = fetch_material_details(place + 6u);
+    return MaterialDetail(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(uvec2(a.w, b.w)), c.x, c.y, c.z, c.w,
+        d.x, d.yz, d.w, e.x, e.y, e.z, e.w, f.x, f.y, f.z != 0u, uintBitsToFloat(f.w), uintBitsToFloat(g.xyz), g.w);
+}
+
 uint material_surface(uint index) { return fetch_materials(MATERIAL_TEXELS * index).w; }
 
 vec3 material_emission(uint index) { return uintBitsToFloat(fetch_materials(MATERIAL_TEXELS * index + 2u).xyz); }
@@ -58,6 +95,27 @@ struct Light {
 Light fetch_light(uint index) {
     uvec4 light = fetch_lights(index);
     return Light(light.x, uintBitsToFloat(light.y), light.z);
+}
+
+// A light that is no surface, a cell of the alias table of them.
+struct PunctualLight {
+    vec3 position;
+    uint kind;        // one of LIGHT_*
+    vec3 direction;   // where the light goes
+    float threshold;  // probability that the cell stands for itself
+    vec3 emission;    // power per solid angle, or irradiance, over the probability of its pick
+    uint alias;       // the light that the cell stands for otherwise
+    float full_from;  // of a spot: the angle from its axis, or the cosine, up to which its intensity is whole
+    float none_from;  // and from which it is 0
+};
+
+PunctualLight fetch_punctual_light(uint index) {
+    uvec4 a = fetch_punctual_lights(PUNCTUAL_LIGHT_TEXELS * index);
+    uvec4 b = fetch_punctual_lights(PUNCTUAL_LIGHT_TEXELS * index + 1u);
+    uvec4 c = fetch_punctual_lights(PUNCTUAL_LIGHT_TEXELS * index + 2u);
+    vec2 d = uintBitsToFloat(fetch_punctual_lights(PUNCTUAL_LIGHT_TEXELS * index + 3u).xy);
+    return PunctualLight(uintBitsToFloat(a.xyz), a.w, uintBitsToFloat(b.xyz), uintBitsToFloat(b.w),
+        uintBitsToFloat(c.xyz), c.w, d.x, d.y);
 }
 
 // Decodes a unit vector. (Cigolle et al. 2014, octahedral, 16 bits a coordinate)
@@ -87,14 +145,54 @@ vec2 fetch_corner_uv(uint original, uint corner) {
     return uintBitsToFloat(fetch_texture_coordinates(3u * original + corner));
 }
 
-// An image is a header of its size, then its texels in rows.
+// An image is a header, then its texels in rows.
 ivec2 image_size(uint header) { return ivec2(fetch_textures(header)); }
 
-// Linear RGB of the texel at that place in the image's rows.
+// How texels are found for texture coordinates: LOOKUP_*.
+uint image_lookup(uint header) { return fetch_textures(header + 1u).x; }
+
+// The image's own coordinates at the surface's.
+vec2 image_coordinates(uint header, vec2 uv) {
+    vec2 x = uintBitsToFloat(fetch_textures(header + 2u));
+    vec2 y = uintBitsToFloat(fetch_textures(header + 3u));
+    vec2 origin = uintBitsToFloat(fetch_textures(header + 4u));
+    return x * uv.x + y * uv.y + origin;
+}
+
+// Linear RGB of the texel at that place in the image's rows. Without lookups each image has its own texels behind its header.
 vec3 image_texel(uint header, uint place) {
-    uvec2 bits = fetch_textures(header + 1u + place);
+    uint first = header + IMAGE_HEADER_WORDS;
+    if (HAS_LOOKUPS) {
+        first = fetch_textures(header + 1u).y;
+    }
+    uvec2 bits = fetch_textures(first + place);
     return vec3(unpackHalf2x16(bits.x), unpackHalf2x16(bits.y).x);
 }
+
+// A table of microfacets at a cosine, in the rows next to a roughness: linear between equal steps of the roots of both.
+float table_row_at(uint table, float row, float x) {
+    float column = min(floor(x), float(TABLE_SIZE - 2u));
+    vec2 pair = uintBitsToFloat(fetch_textures(table - 1u + uint(row) * TABLE_SIZE + uint(column)));
+    return mix(pair.x, pair.y, x - column);
+}
+
+float table_at(uint table, float cosine, float alpha) {
+    float x = sqrt(clamp(cosine, 0.0, 1.0)) * float(TABLE_SIZE - 1u);
+    float y = sqrt(alpha) * float(TABLE_SIZE - 1u);
+    float row = min(floor(y), float(TABLE_SIZE - 2u));
+    return mix(table_row_at(table, row, x), table_row_at(table, row + 1.0, x), y - row);
+}
+
+// Its mean over the cosine, weighted by the cosine.
+float table_mean(uint table, float alpha) {
+    float y = sqrt(alpha) * float(TABLE_SIZE - 1u);
+    float row = min(floor(y), float(TABLE_SIZE - 2u));
+    vec2 pair = uintBitsToFloat(fetch_textures(table - 1u + TABLE_SIZE * TABLE_SIZE + uint(row)));
+    return mix(pair.x, pair.y, y - row);
+}
+
+// The table behind another: of microfacets seen from inside.
+uint next_table(uint table) { return table + TABLE_SIZE * TABLE_SIZE + TABLE_SIZE; }
 
 // Texels of the lat-long environment by their place in its rows.
 vec3 environment_texel_radiance(uint place) { return uintBitsToFloat(fetch_environment(place).xyz); }

@@ -11,7 +11,7 @@ use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription}
 use raywave::layout::{Batch, Control};
 use raywave::recording::Recording;
 use raywave::render::{Defaults, Plan, PreparedScene, scene_buffers};
-use raywave::scene::{Camera, Material, Scene, SceneBuilder, Surface};
+use raywave::scene::{Camera, Material, Scene, SceneBuilder};
 use raywave::settings::Settings;
 use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Forms, Kernel, Library, Variant};
 use raywave_studies::stats::SplitMix64;
@@ -124,17 +124,7 @@ pub fn scene_of_materials(materials: Vec<Material>) -> Scene {
 
 /// Lambert of reflectance one half.
 pub fn grey() -> Material {
-    Material {
-        name: "grey".into(),
-        surface: Surface::Glossy,
-        diffuse: Vec3::splat(0.5),
-        specular: Vec3::ZERO,
-        exponent: 0.0,
-        ior: 1.0,
-        transmission: Vec3::ONE,
-        emission: Vec3::ZERO,
-        diffuse_map: None,
-    }
+    Material { name: "grey".into(), exponent: 0.0, ..Material::diffuse(Vec3::splat(0.5)) }
 }
 
 /// Input of the probe `bsdf`: `SurfaceQuery` of `surface_query.glsl`.

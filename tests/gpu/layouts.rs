@@ -9,13 +9,14 @@ use std::mem::offset_of;
 use crate::meshes::soup;
 use crate::probe::{Bench, Uniform, any_scene, lanes, scene_of};
 use bytemuck::{Pod, Zeroable};
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DMat3, DVec3, Vec2, Vec3};
 use raywave::constants::{
-    LISTED_TRIANGLES, MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS, Specialization, TRIANGLE_TEXELS,
+    IMAGE_HEADER_WORDS, LISTED_TRIANGLES, MATERIAL_DETAIL_TEXELS, MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS,
+    PUNCTUAL_LIGHT_TEXELS, Specialization, TRIANGLE_TEXELS,
 };
 use raywave::layout::{
-    Batch, Bins, Control, EnvironmentSplit, EnvironmentTexel, FilmPixel, Frame, Light, Material, Node, Normals,
-    RayCount, Triangle, WorkCount,
+    Batch, Bins, Control, EnvironmentSplit, EnvironmentTexel, FilmPixel, Frame, Light, Material, MaterialDetail, Node,
+    Normals, PunctualLight, RayCount, Triangle, WorkCount,
 };
 use raywave::scene::{Environment, EnvironmentMap};
 use raywave::shaders::{Access, KERNELS, STRUCTS, StructLayout};
@@ -51,6 +52,11 @@ fn blocks() -> BTreeMap<&'static str, (usize, Vec<Field>)> {
                     max_bounces,
                     environment_radiance,
                     seed,
+                    environment_x,
+                    punctual_count,
+                    environment_y,
+                    punctual_probability,
+                    environment_z,
                     width,
                     height,
                     light_count,
@@ -62,6 +68,8 @@ fn blocks() -> BTreeMap<&'static str, (usize, Vec<Field>)> {
                     radiance_clamp,
                     roulette_from,
                     camera_distance,
+                    is_orthographic,
+                    height_scale,
                 }),
             ),
         ),
@@ -113,6 +121,8 @@ fn records() -> BTreeMap<&'static str, (usize, usize)> {
         ("Node", (size_of::<Node>(), 16 * NODE_TEXELS as usize)),
         ("Triangle", (size_of::<Triangle>(), 16 * TRIANGLE_TEXELS as usize)),
         ("Material", (size_of::<Material>(), 16 * MATERIAL_TEXELS as usize)),
+        ("MaterialDetail", (size_of::<MaterialDetail>(), 16 * MATERIAL_DETAIL_TEXELS as usize)),
+        ("PunctualLight", (size_of::<PunctualLight>(), 16 * PUNCTUAL_LIGHT_TEXELS as usize)),
         ("Light", (size_of::<Light>(), 16)),
         ("Normals", (size_of::<Normals>(), 16)),
         ("EnvironmentTexel", (size_of::<EnvironmentTexel>(), 16)),
@@ -227,7 +237,8 @@ impl Fresh {
 
 /// A sky of three texels side by side.
 fn three_texels() -> Environment {
-    Environment::LatLong(EnvironmentMap { path: "sky".into(), width: 3, height: 1, radiance: vec![Vec3::ONE; 3] })
+    let (radiance, rotation) = (vec![Vec3::ONE; 3], DMat3::IDENTITY);
+    Environment::LatLong(EnvironmentMap { path: "sky".into(), width: 3, height: 1, radiance, rotation })
 }
 
 /// An octahedral normal in front of z = 0, and what it stands for.
@@ -264,11 +275,13 @@ fn triangles_materials_normals_and_texels_are_read_as_they_are_written() {
             map_kd: 0,
         })
         .collect();
-    // The last material has an image of one texel, whose header comes third.
+    // The last material has an image of one texel, behind another whose header comes first.
     let colour = [0.25, 0.5, 0.75];
     let half = |x: f32| u32::from(half::f16::from_f32(x).to_bits());
-    scene.materials[2].map_kd = 1 + 2;
-    scene.textures = vec![[1, 1], [0, 0], [1, 1], [half(colour[0]) | half(colour[1]) << 16, half(colour[2])]];
+    scene.materials[2].map_kd = 1 + IMAGE_HEADER_WORDS + 1;
+    let header = [[1, 1], [0; 2], [1.0_f32.to_bits(), 0], [0, 1.0_f32.to_bits()], [0; 2]];
+    let texel = [half(colour[0]) | half(colour[1]) << 16, half(colour[2])];
+    scene.textures = [&header[..], &[[0, 0]], &header, &[texel]].concat();
     scene.texture_coordinates = vec![Vec2::ZERO; 3 * COUNT as usize];
     let corners =
         [[0.1, 0.2], [0.3, 0.4], [0.5, 0.45]].map(|[x, y]| [octahedral(x, 0.0), octahedral(0.0, y), octahedral(-x, y)]);

@@ -356,7 +356,8 @@ fn camera_rays_fill_their_pixels_and_the_lens() {
     for aperture in [0.0, 0.25] {
         let mut scene = any_scene();
         let eye = DVec3::new(1.0, 2.0, 3.0);
-        scene.camera = Camera { eye, target: DVec3::ZERO, up: DVec3::Y, vfov: 50.0, aperture, focus: 2.5 };
+        scene.camera =
+            Camera { eye, target: DVec3::ZERO, up: DVec3::Y, vfov: 50.0, orthographic: None, aperture, focus: 2.5 };
         (scene.settings.width, scene.settings.height) = (4, 3);
         let bench = Bench::new(&device, &scene);
         let frame = bench.scene.frame(&bench.settings, 1);
@@ -725,7 +726,7 @@ fn sky() -> EnvironmentMap {
     let mut radiance: Vec<Vec3> = (0..width * height).map(|_| Vec3::from(random.next::<3>())).collect();
     radiance[3 * 16 + 12] = Vec3::new(400.0, 300.0, 200.0);
     radiance[5 * 16..7 * 16 + 5].fill(Vec3::ZERO);
-    EnvironmentMap { path: "sky".into(), width, height, radiance }
+    EnvironmentMap { path: "sky".into(), width, height, radiance, rotation: DMat3::IDENTITY }
 }
 
 /// Bilinear radiance of the sky, from the format's words: the centre column looks along -z, u

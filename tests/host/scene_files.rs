@@ -6,7 +6,7 @@ use std::{f64::consts::FRAC_1_SQRT_2, fs, io::Cursor, path::PathBuf};
 use crate::project::project_file;
 use glam::{DMat3, DVec3, Vec2, Vec3, dvec2, dvec3, vec2, vec3};
 use proptest::prelude::*;
-use raywave::scene::{Environment, Material, NONE, Scene, SceneError, Surface};
+use raywave::scene::{Environment, Material, NONE, Parameter, Scene, SceneError, Surface};
 use raywave::settings::Integrator;
 use raywave_studies::gallery::generate_gallery;
 use tempfile::TempDir;
@@ -260,8 +260,8 @@ fn an_override_can_take_or_give_an_image() {
             [("s.toml", toml.as_bytes()), ("m.obj", TEXTURED.as_bytes()), ("m.mtl", mtl.as_bytes()), ("t.png", &image)];
         Folder::new(&files).load("s.toml").unwrap()
     };
-    assert_eq!(load("", "newmtl a\nmap_Kd t.png\n").materials[0].diffuse_map, None);
-    assert_eq!(load("t.png", "newmtl a\n").materials[0].diffuse_map, Some(0));
+    assert_eq!(load("", "newmtl a\nmap_Kd t.png\n").materials[0].texture(Parameter::Diffuse), None);
+    assert_eq!(load("t.png", "newmtl a\n").materials[0].texture(Parameter::Diffuse), Some(0));
 }
 
 #[test]
@@ -424,7 +424,7 @@ fn unused_materials_and_their_images_are_left_alone() {
                map_Kd nowhere.png\n";
     let scene = scene_of(TEXTURED, mtl);
     assert_eq!(scene.materials.len(), 1);
-    assert_eq!(scene.materials[0].diffuse_map, None);
+    assert_eq!(scene.materials[0].texture(Parameter::Diffuse), None);
     assert!(scene.textures.is_empty() && scene.mesh.uvs.is_empty());
     let emitter = scene_of(TEXTURED, "newmtl a\nKe 1 0 0\nmap_Kd nowhere.png\n");
     assert!(emitter.materials[0].is_emitter() && emitter.textures.is_empty());
@@ -497,7 +497,7 @@ fn textured(mtl: &str, image_name: &str, image: &[u8]) -> Scene {
 fn textures_are_linear_with_row_0_on_top() {
     let image = png(2, 2, &[[255, 0, 0], [0, 255, 0], [0, 0, 255], [188, 10, 128]]);
     let scene = textured("newmtl a\nmap_Kd t.png\n", "t.png", &image);
-    assert_eq!(scene.materials[0].diffuse_map, Some(0));
+    assert_eq!(scene.materials[0].texture(Parameter::Diffuse), Some(0));
     let texture = &scene.textures[0];
     assert_eq!((texture.width, texture.height), (2, 2));
     let rgb = |index: usize| {
@@ -553,7 +553,7 @@ fn faces_without_coordinates_show_kd_instead_of_the_image() {
     assert!(warns(&scene, "lack texture coordinates"));
     for triangle in &scene.mesh.triangles {
         let material = &scene.materials[triangle.material as usize];
-        assert_eq!(material.diffuse_map.is_some(), triangle.uvs != [NONE; 3]);
+        assert_eq!(material.texture(Parameter::Diffuse).is_some(), triangle.uvs != [NONE; 3]);
     }
     assert_eq!(scene.materials[1].diffuse, Vec3::splat(0.5));
 }
@@ -1054,7 +1054,7 @@ fn load_any(files: &[(&str, Vec<u8>)], name: &str) {
                 assert!(within(triangle.uvs, scene.mesh.uvs.len()));
                 let material = &scene.materials[triangle.material as usize];
                 assert!((material.diffuse + material.specular).max_element() <= 1.0001);
-                assert!(material.diffuse_map.is_none_or(|map| (map as usize) < scene.textures.len()));
+                assert!(material.texture(Parameter::Diffuse).is_none_or(|map| (map as usize) < scene.textures.len()));
             }
         }
     }

@@ -21,6 +21,9 @@ const uint BSDF_NON_SPECULAR = BSDF_DIFFUSE | BSDF_GLOSSY;
 // Stands for the pdf of a direction that is the only one.
 const float ONE_DIRECTION = FARTHEST;
 
+// Above any pdf over solid angle that is not of one direction, and small enough that its square is finite.
+const float LARGEST_PDF = 1e18;
+
 // A direction drawn from a BSDF.
 struct BsdfSample {
     vec3 direction;
@@ -30,14 +33,32 @@ struct BsdfSample {
     float eta;    // index of refraction of what the direction leads into: 1 outside, the material's own inside
 };
 
+float mean3(vec3 c) { return (c.x + c.y + c.z) * (1.0 / 3.0); }
+
 // A BSDF for a pair of directions.
 struct BsdfValue {
     vec3 f_cos;
     float pdf;  // with which `wi` is drawn, over solid angle
 };
 
+// A direction that was drawn, by the value of its BSDF there.
+BsdfSample sample_of(BsdfValue value, vec3 direction, uint flags, float eta) {
+    vec3 weight = value.pdf > 0.0 ? value.f_cos / value.pdf : vec3(0.0);
+    // Rounding must not make a direction that was drawn one that cannot be.
+    return BsdfSample(direction, weight, clamp(value.pdf, 1e-20, LARGEST_PDF), flags, eta);
+}
+
 // Whether a material is of KIND, for which kernels have code under HAS_KIND. OTHERS says whether they have code for any
 // of the kinds that it could be else at this place: without it, it is of that kind.
 #define IS_KIND(KIND, OTHERS, MATERIAL) (HAS_##KIND && (!(OTHERS) || (MATERIAL).surface == SURFACE_##KIND))
+
+// The normal about which a specular surface mirrors `wo`. A shading normal that faces away, or reflects into the surface,
+// gives way to the geometric one.
+vec3 mirroring_normal(Surface surface, vec3 wo) {
+    float side = side_of(surface, wo);
+    vec3 n = surface.shading_normal * side;
+    bool bent = dot(n, wo) <= 0.0 || side_of(surface, reflect(-wo, n)) != side;
+    return HAS_SHADING_NORMALS && bent ? surface.geometric_normal * side : n;
+}
 
 #endif

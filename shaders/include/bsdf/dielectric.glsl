@@ -2,16 +2,9 @@
 // Fresnel's split, but for total reflection).
 #ifndef DIELECTRIC_GLSL
 #define DIELECTRIC_GLSL
-#include "bsdf/mirror.glsl"
+#include "bsdf/fresnel.glsl"
 
 const uint DIELECTRIC_FLAGS = BSDF_SPECULAR | BSDF_REFLECT | BSDF_TRANSMIT;
-
-// Reflectance of unpolarised light. `eta` is the index beyond over the index before.
-float fresnel(float cos_i, float cos_t, float eta) {
-    float perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
-    float parallel = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
-    return 0.5 * (perpendicular * perpendicular + parallel * parallel);
-}
 
 // Picks reflection or transmission by the number `choice`. Geometry says which side is inside.
 BsdfSample sample_dielectric(Material m, Surface surface, vec3 wo, float choice) {

@@ -7,8 +7,6 @@
 
 const uint PHONG_FLAGS = BSDF_REFLECT | BSDF_DIFFUSE | (HAS_PHONG_LOBES ? BSDF_GLOSSY : 0u);
 
-float mean3(vec3 c) { return (c.x + c.y + c.z) * (1.0 / 3.0); }
-
 // Share of scattered directions that come from the lobe.
 float lobe_probability(Material m) {
     float d = mean3(m.kd);

@@ -45,16 +45,23 @@ pub(super) fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation
         right = forward.cross(forward.any_orthonormal_vector()).normalize();
     }
     let up = right.cross(forward);
-    let half_height = libm::tan(0.5 * camera.vfov.to_radians());
+    // At distance 1, or wherever it looks.
+    let half_height = match camera.orthographic {
+        Some(height) => 0.5 * height * normalisation.scale,
+        None => libm::tan(0.5 * camera.vfov.to_radians()),
+    };
     let mut frame: Frame = bytemuck::Zeroable::zeroed();
     let eye = clear_of_surfaces(normalisation.point(camera.eye), forward, corners);
     let distance = ray_start(eye, forward);
     frame.camera_eye = (eye + distance * forward).as_vec3().to_array();
-    frame.camera_distance = distance as f32;
+    // Parallel rays do not spread up to where they start.
+    frame.camera_distance = if camera.orthographic.is_some() { 0.0 } else { distance as f32 };
+    frame.is_orthographic = u32::from(camera.orthographic.is_some());
+    frame.height_scale = normalisation.scale as f32;
     frame.camera_forward = forward.as_vec3().to_array();
     frame.camera_right = (right * half_height).as_vec3().to_array();
     frame.camera_up = (up * half_height).as_vec3().to_array();
-    frame.lens_radius = normalisation.length(camera.aperture);
+    frame.lens_radius = if camera.orthographic.is_some() { 0.0 } else { normalisation.length(camera.aperture) };
     frame.focus_distance = normalisation.length(camera.focus);
     frame
 }

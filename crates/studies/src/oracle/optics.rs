@@ -91,6 +91,72 @@ pub fn scatter(material: &Material, normal: DVec3, wo: DVec3, is_front: bool, ch
             // Radiance scales with the square of the index.
             (refracted.normalize(), material.transmission.as_dvec3() / (eta * eta))
         }
+        other => unreachable!("no path of the reference meets {other:?}"),
+    }
+}
+
+/// Density of GGX facets with a normal in their frame, over solid angle and projected area. (Walter et al. 2007, eq. 33, for
+/// widths along x and across it)
+pub fn ggx(m: DVec3, alpha: DVec2) -> f64 {
+    let (slope_x, slope_y) = (m.x / m.z / alpha.x, m.y / m.z / alpha.y);
+    let cosine4 = m.z.powi(4);
+    FRAC_1_PI / (alpha.x * alpha.y * cosine4 * (1.0 + slope_x * slope_x + slope_y * slope_y).powi(2))
+}
+
+/// Share of GGX facets that a direction of their frame sees. (The same, eq. 34)
+pub fn unmasked(v: DVec3, alpha: DVec2) -> f64 {
+    let tangent2 = ((v.x * alpha.x).powi(2) + (v.y * alpha.y).powi(2)) / (v.z * v.z);
+    2.0 / (1.0 + (1.0 + tangent2).sqrt())
+}
+
+/// Reflectance of a metal for unpolarised light, by complex amplitudes. (Fresnel 1823, with a complex index)
+pub fn metal_reflectance(cosine: f64, eta: f64, k: f64) -> f64 {
+    // n cos t, the root of n^2 - sin^2 i, and n^2.
+    let square = (eta * eta - k * k, 2.0 * eta * k);
+    let (re, im) = (square.0 - (1.0 - cosine * cosine), square.1);
+    let length = re.hypot(im);
+    let root = ((0.5 * (length + re)).max(0.0).sqrt(), (0.5 * (length - re)).max(0.0).sqrt());
+    let perpendicular = ((cosine - root.0).powi(2) + root.1 * root.1) / ((cosine + root.0).powi(2) + root.1 * root.1);
+    let scaled = (square.0 * cosine, square.1 * cosine);
+    let minus = (scaled.0 - root.0).powi(2) + (scaled.1 - root.1).powi(2);
+    let plus = (scaled.0 + root.0).powi(2) + (scaled.1 + root.1).powi(2);
+    0.5 * (perpendicular + minus / plus)
+}
+
+/// f cos of the facets of a metal or of a rough dielectric, by one scattering. Directions are in their frame, and `wo` is
+/// above the horizon; `is_front` says whether that is outside.
+pub fn facets(material: &Material, wo: DVec3, wi: DVec3, is_front: bool) -> DVec3 {
+    let alpha = material.roughness.as_dvec2();
+    let masking = unmasked(wo, alpha) * unmasked(wi, alpha);
+    match material.surface {
+        Surface::Conductor if wi.z > 0.0 => {
+            let h = (wo + wi).normalize();
+            let shape = ggx(h, alpha) * masking / (4.0 * wo.z);
+            let (eta, k) = (material.eta.as_dvec3().to_array(), material.absorption.as_dvec3().to_array());
+            let reflectance = [0, 1, 2].map(|i| metal_reflectance(wo.dot(h), eta[i], k[i]));
+            material.specular.as_dvec3() * DVec3::from(reflectance) * shape
+        }
+        Surface::Dielectric => {
+            let index = f64::from(material.ior);
+            let eta = if is_front { index } else { 1.0 / index };
+            if wi.z > 0.0 {
+                let h = (wo + wi).normalize();
+                return DVec3::splat(reflectance(wo.dot(h), eta) * ggx(h, alpha) * masking / (4.0 * wo.z));
+            }
+            // The half vector of refraction, and its Jacobian. (The same, eq. 16, 17 and 21)
+            let h = -(wo + eta * wi).normalize();
+            let h = if h.z < 0.0 { -h } else { h };
+            let (cos_o, cos_i) = (wo.dot(h), wi.dot(h));
+            if cos_o <= 0.0 || cos_i >= 0.0 {
+                return DVec3::ZERO;
+            }
+            let through = 1.0 - reflectance(cos_o, eta);
+            let jacobian = eta * eta * -cos_i / (cos_o + eta * cos_i).powi(2);
+            // Radiance scales with the square of the index.
+            let value = through * ggx(h, alpha) * masking * cos_o / wo.z * jacobian / (eta * eta);
+            material.transmission.as_dvec3() * value
+        }
+        _ => DVec3::ZERO,
     }
 }
 

@@ -11,7 +11,7 @@ use glam::{DVec2, DVec3};
 
 use super::optics;
 use super::sobol::sobol4;
-use raywave::scene::{Environment, Material, NONE, Scene};
+use raywave::scene::{Environment, Material, NONE, Scene, Surface};
 use raywave::settings::{Integrator, RouletteMode, Sampler, Settings};
 
 /// A scene as the path tracer sees it.
@@ -89,7 +89,16 @@ impl<'a> Reference<'a> {
     /// When the scene has something that it does not support.
     pub fn new(scene: &'a Scene, settings: &Settings) -> Self {
         assert!(matches!(scene.environment, Environment::Black), "the reference knows black skies alone");
-        assert!(scene.materials.iter().all(|m| m.diffuse_map.is_none()), "the reference knows no textures");
+        assert!(
+            scene.materials.iter().all(|m| m.textures.iter().all(Option::is_none)),
+            "the reference knows no textures"
+        );
+        assert!(scene.lights.is_empty(), "the reference knows no lights but surfaces");
+        let is_known = |m: &Material| {
+            let known = [Surface::Glossy, Surface::Mirror, Surface::Refractive, Surface::Dielectric];
+            m.is_pure_emitter && !m.is_rough() && known.contains(&m.surface)
+        };
+        assert!(scene.materials.iter().all(is_known), "the reference knows no microfacets, coats and blends");
         let mesh = &scene.mesh;
         let facets: Vec<Facet> = mesh
             .triangles

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 use std::path::PathBuf;
 
-use glam::{DVec3, Vec3, dvec3};
+use glam::{DMat3, DVec3, Vec3, dvec3};
 
 use super::Plan;
 use super::lab::{Lab, tell, trial};
@@ -201,7 +201,13 @@ fn bright_texel(lab: &Lab<'_>) -> Vec<Trial> {
         texels[6 * width + 20] = Vec3::splat(radiance as f32);
         let exact = 0.5 * irradiance(&texels, width, height) / PI;
         let path = PathBuf::from("sky");
-        let map = EnvironmentMap { path, width: width as u32, height: height as u32, radiance: texels };
+        let map = EnvironmentMap {
+            path,
+            width: width as u32,
+            height: height as u32,
+            radiance: texels,
+            rotation: DMat3::IDENTITY,
+        };
         let scene = stage(2.0 * DVec3::Y, DVec3::ZERO, 20.0)
             .environment(Environment::LatLong(map))
             .material(grey(0.5))

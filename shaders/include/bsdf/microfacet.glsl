@@ -1,0 +1,111 @@
+// Microfacets of the GGX distribution: rough surfaces whose facets are smooth. (Walter et al. 2007, Microfacet Models for
+// Refraction through Rough Surfaces; Trowbridge and Reitz 1975) Masking and shadowing are Smith's, each by itself.
+#ifndef MICROFACET_GLSL
+#define MICROFACET_GLSL
+#include "bsdf/fresnel.glsl"
+#include "material.glsl"
+#include "sampling.glsl"
+
+// The microfacets of a surface, in a frame whose z axis is the shading normal on the side of `wo`.
+struct Microfacets {
+    vec3 tangent;
+    vec3 bitangent;
+    vec3 normal;
+    vec2 alpha;  // widths along the tangent and across it
+    vec3 wo;     // in the frame, above the horizon
+};
+
+vec3 to_facets(Microfacets facets, vec3 direction) {
+    return vec3(dot(direction, facets.tangent), dot(direction, facets.bitangent), dot(direction, facets.normal));
+}
+
+vec3 from_facets(Microfacets facets, vec3 direction) {
+    return facets.tangent * direction.x + facets.bitangent * direction.y + facets.normal * direction.z;
+}
+
+Microfacets microfacets_of(Surface surface, vec2 alpha, vec3 wo) {
+    Microfacets facets;
+    facets.normal = mirroring_normal(surface, wo);
+    facets.alpha = alpha;
+    basis(facets.normal, facets.tangent, facets.bitangent);
+    if (HAS_ANISOTROPY) {
+        vec3 along = surface.along_u - dot(surface.along_u, facets.normal) * facets.normal;
+        float len2 = dot(along, along);
+        if (len2 > 0.0) {
+            facets.tangent = along / sqrt(len2);
+            facets.bitangent = cross(facets.normal, facets.tangent);
+        }
+    }
+    facets.wo = to_facets(facets, wo);
+    return facets;
+}
+
+// A vector's length when the facets are stretched to those of a sphere.
+float stretched_length(vec3 v, vec2 alpha) { return length(vec3(alpha * v.xy, v.z)); }
+
+// Density of facets with the normal m, over solid angle and projected area.
+float ggx(vec3 m, vec2 alpha) {
+    vec2 slope = m.xy / alpha;
+    float q = dot(slope, slope) + m.z * m.z;
+    return INVERSE_PI / (alpha.x * alpha.y * (q * q));
+}
+
+// Share of the facets that a direction sees. (Smith 1967)
+float unmasked(vec3 v, vec2 alpha) {
+    float cosine = abs(v.z);
+    return 2.0 * cosine / (cosine + stretched_length(v, alpha));
+}
+
+// How far down the caps of visible normals reach which reflect upwards. (Eto and Tokuyoshi 2023, Bounded VNDF Sampling for
+// Smith-GGX Reflections)
+float cap_bound(vec3 wo, vec2 alpha) {
+    float a = min(min(alpha.x, alpha.y), 1.0);
+    float a2 = a * a;
+    float s = 1.0 + length(wo.xy);
+    float s2 = s * s;
+    return (1.0 - a2) * s2 / (s2 + a2 * (wo.z * wo.z));
+}
+
+// Pdf over solid angle of a reflected direction whose half vector is m.
+float reflection_pdf(Microfacets facets, vec3 m) {
+    vec3 wo = facets.wo;
+    return ggx(m, facets.alpha) / (2.0 * (cap_bound(wo, facets.alpha) * wo.z + stretched_length(wo, facets.alpha)));
+}
+
+// A normal of the facets that `wo` sees, below none of the cap's `bound`. (Dupuy and Benyoub 2023, Sampling Visible GGX
+// Normals with Spherical Caps; a bound of 1 gives all)
+vec3 sample_visible_normal(Microfacets facets, float bound, vec2 u) {
+    vec3 stretched = normalize(vec3(facets.wo.xy * facets.alpha, facets.wo.z));
+    float low = bound * stretched.z;
+    float z = (1.0 - u.y) * (1.0 + low) - low;
+    vec3 on_cap = vec3(sine_of(z) * on_circle(u.x), z);
+    vec3 m = on_cap + stretched;
+    return normalize(vec3(m.xy * facets.alpha, max(m.z, 0.0)));
+}
+
+// Draws a reflected direction, in the frame; below the horizon nothing is reflected.
+vec3 sample_reflection(Microfacets facets, vec2 u) {
+    vec3 m = sample_visible_normal(facets, cap_bound(facets.wo, facets.alpha), u);
+    return 2.0 * dot(facets.wo, m) * m - facets.wo;
+}
+
+// Reflection by facets that reflect everything, f cos: D G / (4 cos_o), for a half vector m.
+float facet_reflection(Microfacets facets, vec3 wi, vec3 m) {
+    vec3 wo = facets.wo;
+    float seen = unmasked(wi, facets.alpha);
+    return 0.5 * ggx(m, facets.alpha) * seen / (wo.z + stretched_length(wo, facets.alpha));
+}
+
+// Light that one scattering by facets of a reflectance loses, f cos, scattered diffusely: so much that facets which reflect
+// everything lose nothing. `mean` is the reflectance's mean. (Kulla and Conty 2017, Revisiting Physically Based Shading)
+vec3 lost_reflection(uint table, float alpha, float cos_o, float cos_i, vec3 mean) {
+    float mean_lost = table_mean(table, alpha);
+    vec3 between = mean * mean * (1.0 - mean_lost) / max(vec3(1.0) - mean * mean_lost, vec3(1e-6));
+    float lost = table_at(table, cos_o, alpha) * table_at(table, cos_i, alpha) / max(mean_lost, 1e-9);
+    return between * (lost * cos_i * INVERSE_PI);
+}
+
+// The roughness of a table's rows.
+float table_alpha(vec2 alpha) { return sqrt(alpha.x * alpha.y); }
+
+#endif
