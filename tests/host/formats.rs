@@ -6,7 +6,9 @@ use std::fs;
 use std::path::PathBuf;
 
 use glam::{DVec3, Vec2, Vec3, dvec3, vec2};
-use raywave::scene::{Falloff, Light, LoadOptions, NONE, Parameter, Scene, SceneError, Surface, Wrap};
+use raywave::scene::{
+    Falloff, Light, LoadOptions, MeshFormat, NONE, Parameter, Scene, SceneError, SceneFiles, Surface, Wrap,
+};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -665,7 +667,79 @@ fn torn_gltf_files_never_panic() {
     }
 }
 
+#[test]
+fn scales_of_normal_maps_keep_directions() {
+    for (scale, expected) in [(1.0, [0.6, 0.0, 0.8]), (0.5, [0.3, 0.0, 0.8]), (2.0, [0.6, 0.0, 0.4])] {
+        let mut gltf = with_material(json!({ "normalTexture": { "index": 0, "scale": scale } }));
+        let view = gltf.view(&png([204, 128, 230, 255]));
+        gltf.rest["textures"] = json!([{ "source": 0 }]);
+        gltf.rest["images"] = json!([{ "bufferView": view }]);
+        let scene = gltf.load().unwrap();
+        let texture = scene.materials[0].texture(Parameter::Normal).expect("an image turns its normals");
+        let [x, y, z, _] = scene.textures[texture as usize].texels[0].map(|value| 2.0 * value.to_f32() - 1.0);
+        assert!(Vec3::new(x, y, z).distance(Vec3::from(expected)) < 0.01, "{scale}: {x} {y} {z}");
+    }
+}
+
 // Files
+
+#[test]
+fn converted_scenes_are_the_same() {
+    let mtl = "newmtl paint\nKd 0.1 0.2 0.3\nKs 0.5\nNs 12.5\nnewmtl my glass\nillum 7\nNi 1.52\nTf 0.9 1 1\nnewmtl lamp\n\
+        Ke 7 6.5 6\nnewmtl tile\nmap_Kd -s 2 3 1 -o 0.25 0 0 t.png\nnewmtl mirror\nillum 3\nKs 0.7\n";
+    let obj = "mtllib m.mtl\nv 0.1 0 0\nv 1 0.3333333333333333 0\nv 0 1 1e-9\nv 1 1 7\nvn 0 0.6 0.8\nvt 0.1 0.2\nvt 0.3 1\nvt 1 0\n\
+        usemtl paint\nf 1//1 2//1 3//1\nf 2 4 3\nusemtl my glass\nf 1 2 4\nusemtl lamp\nf 4 2 1\nusemtl tile\n\
+        f 1/1/1 2/2/1 4/3/1\nusemtl mirror\nf 3 2 1\n";
+    let toml = "[camera]\neye = [0.1, 0, 5]\ntarget = [0, 0.3, 0]\nvfov = 33.3\naperture = 0.01\nfocus = 4\n[film]\nwidth = 20\n\
+        [render]\nintegrator = \"mis\"\nmax_bounces = -1\nroulette = 0.25\nsampler = \"independent\"\n\
+        [environment]\nradiance = [0.1, 0.2, 0.3]\n[[mesh]]\nfile = \"m.obj\"\ntranslate = [0.1, 0.2, 0.3]\n";
+    let folder =
+        Folder::new().with("s.toml", toml).with("m.obj", obj).with("m.mtl", mtl).with("t.png", png([9, 99, 199, 255]));
+    let scene = folder.load("s.toml").unwrap();
+    for (format, name) in [(MeshFormat::Obj, "o.toml"), (MeshFormat::Ply, "p.toml")] {
+        let files = SceneFiles::new(&scene, &folder.path(name), format);
+        assert!(files.lost.is_empty(), "{:?}", files.lost);
+        files.write().unwrap();
+        assert!(files.paths().iter().all(|path| path.is_file()));
+        let again = folder.load(name).unwrap();
+        assert!(again.warnings.is_empty(), "{:?}", again.warnings);
+        assert_eq!((again.camera, again.settings), (scene.camera, scene.settings));
+        assert_eq!(corners(&again), corners(&scene));
+        for (one, other) in scene.mesh.triangles.iter().zip(&again.mesh.triangles) {
+            let [a, b] =
+                [(&scene, one), (&again, other)].map(|(scene, triangle)| &scene.materials[triangle.material as usize]);
+            let same = raywave::scene::Material { name: a.name.clone(), textures: a.textures, ..b.clone() };
+            assert_eq!(*a, same);
+            let texture = |scene: &Scene, material: &raywave::scene::Material, triangle: &raywave::scene::Triangle| {
+                material.texture(Parameter::Diffuse).map(|index| {
+                    let texture = &scene.textures[index as usize];
+                    let uvs = triangle.uvs.map(|uv| scene.mesh.uvs[uv as usize]);
+                    (texture.texels[0], uvs.map(|uv| texture.lookup.transform.transform_point2(uv)))
+                })
+            };
+            assert_eq!(texture(&scene, a, one), texture(&again, b, other));
+            assert_eq!(one.normals[0] == NONE, other.normals[0] == NONE);
+        }
+    }
+}
+
+#[test]
+fn what_a_scene_file_cannot_say_is_listed() {
+    let mut gltf = with_material(json!({ "name": "iron", "emissiveFactor": [1, 0, 0] }));
+    gltf.rest["nodes"] = json!([{ "mesh": 0 }, { "extensions": { "KHR_lights_punctual": { "light": 0 } } }]);
+    gltf.rest["extensions"] = json!({ "KHR_lights_punctual": { "lights": [{ "type": "point" }] } });
+    let folder = Folder::new().with("m.glb", gltf.glb());
+    let scene = folder.load("m.glb").unwrap();
+    let files = SceneFiles::new(&scene, &folder.path("o.toml"), MeshFormat::Ply);
+    assert_eq!(
+        files.lost,
+        ["the kind of surface of `o-iron`", "what reflects of `o-iron`", "1 lights that are no surfaces"]
+    );
+    files.write().unwrap();
+    assert_eq!(folder.load("o.toml").unwrap().materials[0].emission, Vec3::X);
+    let nowhere = SceneFiles::new(&scene, &folder.path("no/where.toml"), MeshFormat::Obj).write();
+    assert!(nowhere.is_err_and(|(path, _)| path.ends_with("no/where.obj")));
+}
 
 #[test]
 fn names_do_not_reach_outside_of_the_folder() {

@@ -208,7 +208,12 @@ impl Materials {
                 Some(channel) => Vec3::splat(rgba[channel]),
                 None => Vec3::from_slice(rgba),
             };
-            let values = (colour * map.factor).to_array().map(|value| map.response.of(value).min(most));
+            // The coordinates of a normal lie in [-1, 1].
+            let product = match parameter {
+                Parameter::Normal => 0.5 + 0.5 * (2.0 * colour - 1.0) * map.factor,
+                _ => colour * map.factor,
+            };
+            let values = product.to_array().map(|value| map.response.of(value).min(most));
             let [r, g, b] = values.map(|value| f16::from_f32(value * scale));
             [r, g, b, f16::ONE]
         };

@@ -266,10 +266,12 @@ impl Materials {
             map.map(|map| Map { is_raw: true, channel, factor: Vec3::splat(factor), ..map })
         };
         let roughness_map = raw(metal_image, 1, roughness).map(|map| Map { response: Response::Squared, ..map });
-        // The scale multiplies the coordinates along the surface, once they are in [-1, 1].
+        // The scale multiplies the coordinates along the surface. Where it is above 1 the other one is divided by it: the
+        // direction is the same, and coordinates stay within [-1, 1].
         let scale = described.normal_texture.as_ref().and_then(|it| it.scale).unwrap_or(1.0) as f32;
         let scale = if scale.is_finite() { scale } else { 1.0 };
-        let normal_map = normal_image.map(|map| Map { is_raw: true, factor: Vec3::new(scale, scale, 1.0), ..map });
+        let factor = Vec3::new(scale, scale, 1.0) / scale.abs().max(1.0);
+        let normal_map = normal_image.map(|map| Map { is_raw: true, factor, ..map });
         let emission_map = emission_image.map(|map| Map { factor: emission, ..map });
         let base_map = base_image.map(|map| Map { factor: base, ..map });
 
