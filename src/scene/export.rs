@@ -1,6 +1,6 @@
 //! Scenes to files: a scene file with its meshes and images beside it.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{HashMap, HashSet, hash_map::Entry};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -273,9 +273,8 @@ impl<'a> SceneFiles<'a> {
             let mut known: HashMap<u32, usize> = HashMap::new();
             writeln!(file, "usemtl {name}")?;
             for triangle in self.triangles(place) {
-                let corner_uvs = triangle.uvs.map(|uv| (uv != NONE).then_some(uv));
-                for uv in corner_uvs.into_iter().flatten() {
-                    if let std::collections::hash_map::Entry::Vacant(entry) = known.entry(uv) {
+                for uv in triangle.uvs.into_iter().filter(|uv| *uv != NONE) {
+                    if let Entry::Vacant(entry) = known.entry(uv) {
                         uvs += 1;
                         entry.insert(uvs);
                         let uv = transform.transform_point2(mesh.uvs[uv as usize]);
@@ -283,9 +282,9 @@ impl<'a> SceneFiles<'a> {
                     }
                 }
                 write!(file, "f")?;
-                for corner in 0..3 {
-                    write!(file, " {}", triangle.positions[corner] + 1)?;
-                    match (corner_uvs[corner].map(|uv| known[&uv]), triangle.normals[corner]) {
+                for ((position, uv), normal) in triangle.positions.into_iter().zip(triangle.uvs).zip(triangle.normals) {
+                    write!(file, " {}", position + 1)?;
+                    match (known.get(&uv), normal) {
                         (None, NONE) => {}
                         (Some(uv), NONE) => write!(file, "/{uv}")?,
                         (None, normal) => write!(file, "//{}", normal + 1)?,

@@ -253,6 +253,11 @@ fn index_of_image(images: &mut Vec<ImageFile>, image: &ImageFile) -> usize {
     })
 }
 
+/// A channel of a colour as near to it as one can be: at least 0, and finite.
+fn light(channel: f32) -> f32 {
+    if channel.is_nan() { 0.0 } else { channel.clamp(0.0, f32::MAX) }
+}
+
 /// Importers of the files of one scene that hold meshes and perhaps more.
 #[derive(Debug, Default)]
 struct MeshFiles {

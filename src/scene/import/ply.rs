@@ -4,7 +4,7 @@ use std::{collections::HashSet, path::Path, str};
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::{Import, Material, Mesh, polygons::Polygons};
+use super::{Import, Material, Mesh, light, polygons::Polygons};
 use crate::{
     image::srgb,
     scene::{
@@ -397,7 +397,8 @@ impl Numbers for Ascii<'_> {
     }
 
     fn left(&self) -> usize {
-        self.rest.iter().any(|byte| !byte.is_ascii_whitespace()).then_some(self.rest.len()).unwrap_or_default()
+        let is_over = self.rest.iter().all(u8::is_ascii_whitespace);
+        if is_over { 0 } else { self.rest.len() }
     }
 
     fn next(&mut self, _: Scalar) -> Option<f64> {
@@ -552,9 +553,7 @@ impl Building {
                 let colour = Vec3::new(linear(red), linear(green), linear(blue));
                 let is_good = colour.is_finite() && colour.min_element() >= 0.0;
                 self.clamped_colours += usize::from(!is_good);
-                // The maximum of NaN and 0 is 0.
-                let clamped = colour.to_array().map(|value| value.max(0.0).min(f32::MAX));
-                self.colours.push(Vec3::from(clamped));
+                self.colours.push(Vec3::from(colour.to_array().map(light)));
             }
         }
         Ok(())

@@ -185,9 +185,9 @@ impl<'a> Data<'a> {
             ));
         }
         let bytes = bytes.get(accessor.byte_offset..).unwrap_or_default();
-        if count > 0 && (count - 1).checked_mul(stride).is_none_or(|last| last > bytes.len().saturating_sub(size))
-            || count > 0 && bytes.len() < size
-        {
+        // Behind the last element nothing need be up to the stride.
+        let needed = count.checked_sub(1).map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(size));
+        if needed.is_none_or(|needed| needed > bytes.len()) {
             return Err(format!("accessor {index} reaches beyond buffer view {view}; copy or export it anew"));
         }
         Ok(make(Cow::Borrowed(bytes), stride))

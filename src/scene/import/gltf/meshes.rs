@@ -6,7 +6,12 @@ use glam::{DAffine3, DMat3, DMat4, DVec3, Vec2, Vec3};
 
 use super::json;
 use super::materials::{Context, Materials};
-use crate::scene::{NONE, Triangle, error::Location, import::Mesh, transform::cofactors};
+use crate::scene::{
+    NONE, Triangle,
+    error::Location,
+    import::{Mesh, light},
+    transform::cofactors,
+};
 
 /// The accessors of a primitive: positions, normals, texture coordinates, colours.
 type Accessors = [Option<usize>; 4];
@@ -109,7 +114,7 @@ fn add_primitive(
     match mode {
         4 => {
             corners.chunks_exact(3).for_each(|triangle| push([triangle[0], triangle[1], triangle[2]]));
-            if corners.len() % 3 != 0 {
+            if !corners.len().is_multiple_of(3) {
                 context.note("incomplete triangle", "corners that make no whole triangle are left out");
             }
         }
@@ -195,7 +200,7 @@ fn add_vertices(
         checked(accessor, elements.count)?;
         let mut is_clamped = false;
         let mut clamped = |value: f64| {
-            let clamped = (value as f32).max(0.0).min(f32::MAX);
+            let clamped = light(value as f32);
             is_clamped |= f64::from(clamped) != f64::from(value as f32);
             clamped
         };
