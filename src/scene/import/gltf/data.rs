@@ -13,8 +13,9 @@ use crate::scene::{
     text::{decode, excerpt, file_name, foreign, one_line},
 };
 
-/// Accessors without bytes, which are zeros, have so many elements at most: nothing in the file vouches for more.
-const MOST_ZEROS: usize = 1 << 20;
+/// Accessors without bytes, which are zeros, have so many elements at most, or as many as there are bytes in all buffers:
+/// nothing in the file vouches for more.
+const MOST_ZEROS: usize = 1 << 16;
 
 /// Reads the JSON of a `.gltf` or of a `.glb`; of the latter the binary chunk too.
 pub(super) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<(Document, &'a [u8]), SceneError> {
@@ -172,7 +173,7 @@ impl<'a> Data<'a> {
         let make =
             |bytes, stride| Elements { bytes, count, stride, width, component, is_normalized: accessor.normalized };
         let Some(view) = accessor.buffer_view else {
-            if count > MOST_ZEROS {
+            if count > self.buffers.iter().map(|buffer| buffer.len()).sum::<usize>().max(MOST_ZEROS) {
                 return Err(format!("accessor {index} has {count} elements and no bytes; give it a buffer view"));
             }
             return Ok(make(Cow::Owned(vec![0; count * size]), size));
