@@ -3,6 +3,7 @@
 //! It also has the CPU traversal of the same nodes, which is the oracle of the kernels' traversal. This room knows
 //! triangles and rays; it knows nothing of scene files, materials or the GPU.
 
+mod fans;
 mod sliver;
 mod traverse;
 mod wide;
@@ -288,9 +289,12 @@ fn binary_tree(triangles: &[[Vec3; 3]], max_leaf_triangles: u32) -> Bvh2 {
         Aabb::new((low - margin).into(), (high + margin).into())
     };
     let boxes: Vec<Aabb> = triangles.par_iter().map(box_of).collect();
-    let indices = (0..triangles.len() as u32).collect();
-    let mut builder = PlocBuilder::new();
-    let mut tree = builder.build(PlocSearchDistance::Medium, &boxes, indices, SortPrecision::U64, NEAR_LEVELS);
+    let ploc = |boxes: &[Aabb]| {
+        let indices = (0..boxes.len() as u32).collect();
+        PlocBuilder::new().build(PlocSearchDistance::Medium, boxes, indices, SortPrecision::U64, NEAR_LEVELS)
+    };
+    let fans = fans::find(triangles);
+    let mut tree = if fans.is_empty() { ploc(&boxes) } else { fans::build(&boxes, &fans, ploc) };
     let mut optimizer = ReinsertionOptimizer::default();
     optimizer.run(&mut tree, REINSERTED, Some(TURNS.to_vec()));
     if max_leaf_triangles > 1 {

@@ -23,7 +23,7 @@ pub enum ImageProblem {
         extensions: &'static str,
     },
     /// Neither contents nor name show a format.
-    #[error("of no known image format; use EXR, HDR, PNG, JPEG, TGA or BMP")]
+    #[error("of no known image format; use EXR, HDR, PFM, PNG, JPEG, WebP, TIFF, TGA or BMP")]
     UnknownContents,
     /// Nothing can be written there, or writing failed half-way and left nothing behind.
     #[error("cannot write the image: {cause}")]
@@ -63,12 +63,27 @@ pub enum ImageProblem {
         /// What the decoder said.
         cause: String,
     },
-    /// An EXR file without colour, or with several colours of which none is plain `R`, `G`, `B`.
-    #[error("no colour to be found (R, G, B; or Y; or one group x.R, x.G, x.B) in: {channels}; save it as RGB")]
+    /// An EXR file without colour.
+    #[error("no colour to be found (R, G, B; or Y; or a group x.R, x.G, x.B) in: {channels}; save it as RGB")]
     NoColour {
         /// The channels it has.
         channels: String,
     },
+    /// An EXR file with several colours, none of which has the name of the image itself.
+    #[error("several colours, none of them called combined, beauty, rgba or color: {groups}; save one alone as RGB")]
+    SeveralColours {
+        /// The groups of channels that hold a colour.
+        groups: String,
+    },
+    /// An EXR file with channels of fewer values than pixels.
+    #[error("the channels {channels} have fewer values than pixels, which is not read; save it as RGB")]
+    Subsampled {
+        /// Those channels.
+        channels: String,
+    },
+    /// A JPEG of four inks without the marker that says whether its codes are ink or light.
+    #[error("a CMYK JPEG without Adobe's marker, which leaves its colours open; save it as RGB")]
+    UnmarkedInks,
     /// The file claims more pixels than this program reads.
     #[error("{width} x {height} pixels are more than the {most} that can be read; scale it down")]
     TooLarge {
@@ -78,6 +93,16 @@ pub enum ImageProblem {
         height: u64,
         /// Pixels that can be read.
         most: u64,
+    },
+    /// The file claims more pixels than so short a file holds in any format.
+    #[error("{width} x {height} pixels in a file of {bytes} bytes, which is damaged or cut off; write it anew")]
+    TooShort {
+        /// Width in pixels.
+        width: u64,
+        /// Height in pixels.
+        height: u64,
+        /// Length of the file.
+        bytes: usize,
     },
     /// Metadata was requested from a format that carries none here.
     #[error("only .exr files carry metadata; name one")]

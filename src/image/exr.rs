@@ -168,15 +168,20 @@ fn read_name(reader: &mut impl BufRead) -> io::Result<String> {
     Ok(String::from_utf8_lossy(&name).into_owned())
 }
 
-/// Reads colour from the first part that has any; `f16`, `f32` and `u32` channels, any lossless or
-/// lossy compression, scanlines or tiles. The data window becomes the image. Channels other than colour and alpha are
-/// ignored.
+/// Reads the colour of a file; `f16`, `f32` and `u32` channels, any lossless or lossy compression, scanlines or tiles. The
+/// data window becomes the image. Channels other than colour and alpha are ignored.
 pub fn decode(bytes: &[u8]) -> Result<Texels, ImageProblem> {
     let damaged = |error: exr::error::Error| ImageProblem::decode(NAME, error);
     // The header first: it is small, and says whether the rest fits into memory.
     let meta = MetaData::read_from_buffered(bytes, false).map_err(damaged)?;
     for header in &meta.headers {
-        check_size(header.layer_size.width() as u64, header.layer_size.height() as u64)?;
+        check_size(header.layer_size.width() as u64, header.layer_size.height() as u64, bytes.len())?;
+    }
+    let channels = meta.headers.iter().flat_map(|header| &header.channels.list);
+    let subsampled = channels.filter(|channel| channel.sampling != Vec2(1, 1));
+    let subsampled: Vec<_> = subsampled.map(|channel| channel.name.to_string()).collect();
+    if !subsampled.is_empty() {
+        return Err(ImageProblem::Subsampled { channels: subsampled.join(", ") });
     }
     let file = read::read()
         .no_deep_data()
@@ -187,58 +192,94 @@ pub fn decode(bytes: &[u8]) -> Result<Texels, ImageProblem> {
         .from_buffered(Cursor::new(bytes))
         .map_err(damaged)?;
 
-    for layer in &file.layer_data {
-        if let Some(Colour { rgb, alpha }) = Colour::among(&layer.channel_data) {
-            let [mut r, mut g, mut b] = rgb.map(|channel| channel.sample_data.values_as_f32());
-            let mut a = alpha.map(|channel| channel.sample_data.values_as_f32());
-            let texel = || {
-                let alpha = a.as_mut().map_or(Some(1.0), Iterator::next);
-                Some([r.next()?, g.next()?, b.next()?, alpha?])
-            };
-            let Vec2(width, height) = layer.size;
-            let rgba = std::iter::from_fn(texel).collect();
-            return Ok(Texels { width: width as u32, height: height as u32, rgba });
-        }
-    }
-    let names = file.layer_data.iter().flat_map(|layer| {
-        let channels = layer.channel_data.list.iter();
-        channels.map(|channel| channel.name.to_string())
-    });
-    Err(ImageProblem::NoColour { channels: names.collect::<Vec<_>>().join(", ") })
+    let Colour { size: Vec2(width, height), rgb, alpha, .. } = Colour::of(&file.layer_data)?;
+    let [mut r, mut g, mut b] = rgb.map(|channel| channel.sample_data.values_as_f32());
+    let mut a = alpha.map(|channel| channel.sample_data.values_as_f32());
+    let texel = || {
+        let alpha = a.as_mut().map_or(Some(1.0), Iterator::next);
+        Some([r.next()?, g.next()?, b.next()?, alpha?])
+    };
+    let rgba = std::iter::from_fn(texel).collect();
+    Ok(Texels { width: width as u32, height: height as u32, rgba })
 }
+
+/// A part of a file, which the crate calls a layer.
+type Part = Layer<AnyChannels<FlatSamples>>;
 
 /// The channels that hold a colour and its alpha.
 struct Colour<'a> {
+    /// Of the group of channels or, of plain channels, of the part.
+    name: String,
+    size: Vec2<usize>,
     rgb: [&'a AnyChannel<FlatSamples>; 3],
     alpha: Option<&'a AnyChannel<FlatSamples>>,
 }
 
 impl<'a> Colour<'a> {
-    /// `R`, `G`, `B`; else luminance `Y` for all three; else the group `name.R`, `name.G`, `name.B`, if there is just
-    /// one: among several, the radiance and some albedo cannot be told apart. Alpha is the `A` beside them.
-    fn among(channels: &'a AnyChannels<FlatSamples>) -> Option<Self> {
-        let find = |name: &str| {
-            let mut list = channels.list.iter();
-            // A subsampled channel has fewer values than pixels.
-            list.find(|channel| channel.name == *name && channel.sampling == Vec2(1, 1))
+    /// What renderers call the image itself, behind the last dot: Blender, Arnold and V-Ray, Nuke and Houdini, others.
+    const IMAGES: [&'static str; 4] = ["combined", "beauty", "rgba", "color"];
+
+    /// The colour of the image itself: plain channels, and only where no part has any, a group of channels. Of several, the
+    /// one whose name is that of an image counts, else of parts the first. Among groups of other names, the radiance and
+    /// some albedo cannot be told apart.
+    fn of(parts: &'a [Part]) -> Result<Self, ImageProblem> {
+        let is_image = |colour: &Self, image: &str| {
+            let last = colour.name.rsplit('.').next().unwrap_or_default();
+            last.eq_ignore_ascii_case(image)
         };
-        let group = |prefix: &str| {
-            let channel = |name: &str| find(&format!("{prefix}{name}"));
-            Some(Self { rgb: [channel("R")?, channel("G")?, channel("B")?], alpha: channel("A") })
-        };
-        let luminance = || {
-            // With these, Y is one component of a colour: of CIE XYZ, or of luminance and chroma.
-            let has = |name: &&str| channels.list.iter().any(|channel| channel.name == **name);
-            let is_luminance = !["X", "Z", "RY", "BY"].iter().any(has);
-            find("Y").filter(|_| is_luminance).map(|y| Self { rgb: [y; 3], alpha: find("A") })
-        };
-        let only_group = || {
-            let mut groups = channels.list.iter().filter_map(|channel| {
-                let name = channel.name.to_string();
-                group(name.strip_suffix('R').filter(|name| name.ends_with('.'))?)
-            });
-            groups.next().filter(|_| groups.next().is_none())
-        };
-        group("").or_else(luminance).or_else(only_group)
+        let plain = parts.iter().filter_map(Self::plain).collect::<Vec<_>>();
+        let are_plain = !plain.is_empty();
+        let mut colours = if are_plain { plain } else { parts.iter().flat_map(Self::groups).collect() };
+        for image in Self::IMAGES {
+            let mut places = (0..colours.len()).filter(|&place| is_image(&colours[place], image));
+            match (places.next(), places.next()) {
+                (None, _) => {}
+                (Some(place), None) => return Ok(colours.swap_remove(place)),
+                _ => break,
+            }
+        }
+        if are_plain || colours.len() == 1 {
+            return Ok(colours.swap_remove(0));
+        }
+        let channels = parts.iter().flat_map(|part| &part.channel_data.list);
+        let list = |names: Vec<String>| names.join(", ");
+        Err(match colours.is_empty() {
+            true => {
+                ImageProblem::NoColour { channels: list(channels.map(|channel| channel.name.to_string()).collect()) }
+            }
+            false => {
+                ImageProblem::SeveralColours { groups: list(colours.into_iter().map(|colour| colour.name).collect()) }
+            }
+        })
     }
+
+    /// `R`, `G`, `B`, else luminance `Y` for all three.
+    fn plain(part: &'a Part) -> Option<Self> {
+        let name = part.attributes.layer_name.as_ref().map_or_else(String::new, Text::to_string);
+        let channel = |name: &str| channel_of(part, name);
+        // With these, Y is one component of a colour: of CIE XYZ, or of luminance and chroma.
+        let is_luminance = || ["X", "Z", "RY", "BY"].iter().all(|other| channel(other).is_none());
+        Self::in_group(part, "", name.clone()).or_else(|| {
+            let y = channel("Y").filter(|_| is_luminance())?;
+            Some(Self { name, size: part.size, rgb: [y; 3], alpha: channel("A") })
+        })
+    }
+
+    /// Every `name.R`, `name.G`, `name.B`.
+    fn groups(part: &'a Part) -> impl Iterator<Item = Self> {
+        part.channel_data.list.iter().filter_map(|channel| {
+            let channel = channel.name.to_string();
+            let name = channel.strip_suffix(".R")?;
+            Self::in_group(part, &format!("{name}."), name.to_owned())
+        })
+    }
+
+    fn in_group(part: &'a Part, prefix: &str, name: String) -> Option<Self> {
+        let channel = |name: &str| channel_of(part, &format!("{prefix}{name}"));
+        Some(Self { name, size: part.size, rgb: [channel("R")?, channel("G")?, channel("B")?], alpha: channel("A") })
+    }
+}
+
+fn channel_of<'a>(part: &'a Part, name: &str) -> Option<&'a AnyChannel<FlatSamples>> {
+    part.channel_data.list.iter().find(|channel| channel.name == *name)
 }

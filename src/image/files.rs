@@ -6,7 +6,7 @@ use std::path::Path;
 
 use ::image::ImageFormat;
 
-use super::{Encoding, Image, ImageError, ImageProblem, Texels, codes, exr, format::Format, rgbe};
+use super::{Encoding, Image, ImageError, ImageProblem, Texels, codes, exr, format::Format, pfm, rgbe};
 use crate::whole_file;
 
 /// How an image becomes a file.
@@ -93,16 +93,20 @@ fn encode(
             file.flush()
         }
         Format::Png => codes::encode_png(file, image, options.exposure),
-        Format::Jpeg | Format::Tga | Format::Bmp => unreachable!("Format::of_output gives no format that is only read"),
+        _ => unreachable!("Format::of_output gives no format that is only read"),
     }
 }
 
 /// Reads an image as linear radiance, in the format that the extension of `path` names.
 ///
-/// - `.exr`: `f16`, `f32` or `u32`, channels `R`, `G`, `B`, or `Y`, or the only group `name.R`,
-///   `name.G`, `name.B`; the data window becomes the image.
-/// - `.hdr`: its `EXPOSURE` is divided out.
-/// - `.png`, `.jpg`, `.tga`, `.bmp`: 8 or 16 bits, taken as sRGB whatever their colour profile says.
+/// - `.exr`: `f16`, `f32` or `u32`, channels `R`, `G`, `B`, or `Y`, or a group `name.R`, `name.G`,
+///   `name.B`: the only one, or the one whose name ends in `combined`, `beauty`, `rgba` or `color`.
+///   The data window becomes the image.
+/// - `.hdr`: its `EXPOSURE` and `COLORCORR` are divided out.
+/// - `.pfm`: colour or grey; of its scale only the sign counts, which tells the order of bytes.
+/// - `.png`, `.jpg`, `.webp`, `.tif`, `.tga`, `.bmp`: 8 or 16 bits, taken as sRGB whatever their
+///   colour profile says. A TIFF may also hold `f32`, which are linear. Inks of a JPEG become light
+///   by (1 - C)(1 - K).
 ///
 /// Alpha is ignored in all of them.
 ///
@@ -145,8 +149,12 @@ fn decode(format: Format, bytes: &[u8], encoding: Encoding) -> Result<Texels, Im
     match format {
         Format::Exr => exr::decode(bytes),
         Format::Hdr => rgbe::decode(bytes),
+        Format::Pfm => pfm::decode(bytes),
         Format::Png => codes::decode("PNG", ImageFormat::Png, bytes, encoding),
+        Format::Jpeg if codes::has_unmarked_inks(bytes) => Err(ImageProblem::UnmarkedInks),
         Format::Jpeg => codes::decode("JPEG", ImageFormat::Jpeg, bytes, encoding),
+        Format::WebP => codes::decode("WebP", ImageFormat::WebP, bytes, encoding),
+        Format::Tiff => codes::decode("TIFF", ImageFormat::Tiff, bytes, encoding),
         Format::Tga => codes::decode("TGA", ImageFormat::Tga, bytes, encoding),
         Format::Bmp => codes::decode("BMP", ImageFormat::Bmp, bytes, encoding),
     }

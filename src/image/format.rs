@@ -10,20 +10,27 @@ use super::{ImageProblem, exr};
 pub(super) enum Format {
     Exr,
     Hdr,
+    Pfm,
     Png,
     Jpeg,
+    WebP,
+    Tiff,
     Tga,
     Bmp,
 }
 
 impl Format {
     /// The formats and the extensions of their names, those that are written first.
-    const EXTENSIONS: [(&str, Self); 7] = [
+    const EXTENSIONS: [(&str, Self); 11] = [
         ("exr", Self::Exr),
         ("png", Self::Png),
         ("hdr", Self::Hdr),
+        ("pfm", Self::Pfm),
         ("jpg", Self::Jpeg),
         ("jpeg", Self::Jpeg),
+        ("webp", Self::WebP),
+        ("tif", Self::Tiff),
+        ("tiff", Self::Tiff),
         ("tga", Self::Tga),
         ("bmp", Self::Bmp),
     ];
@@ -42,19 +49,31 @@ impl Format {
 
     /// The format of a file to be read, by its name.
     pub fn of_input(path: &Path) -> Result<Self, ImageProblem> {
-        Self::of_name(path).ok_or(ImageProblem::UnknownFormat { extensions: ".exr, .png, .hdr, .jpg, .tga or .bmp" })
+        Self::of_name(path).ok_or(ImageProblem::UnknownFormat {
+            extensions: ".exr, .png, .hdr, .pfm, .jpg, .webp, .tif, .tga or .bmp",
+        })
     }
 
     /// The format that a file's first bytes show. A TGA has no such bytes.
     pub fn of_contents(bytes: &[u8]) -> Option<Self> {
-        let magic: [(&[u8], Self); 5] = [
-            (&exr::MAGIC, Self::Exr),
-            (b"#?", Self::Hdr),
-            (b"\x89PNG\r\n\x1a\n", Self::Png),
-            (b"\xff\xd8\xff", Self::Jpeg),
-            (b"BM", Self::Bmp),
+        const MAGIC: [(&[u8], Format); 11] = [
+            (&exr::MAGIC, Format::Exr),
+            (b"#?", Format::Hdr),
+            (b"PF\n", Format::Pfm),
+            (b"Pf\n", Format::Pfm),
+            (b"\x89PNG\r\n\x1a\n", Format::Png),
+            (b"\xff\xd8\xff", Format::Jpeg),
+            (b"BM", Format::Bmp),
+            (b"II*\0", Format::Tiff),
+            (b"MM\0*", Format::Tiff),
+            // Those of more than 4 GiB, or made for that.
+            (b"II+\0", Format::Tiff),
+            (b"MM\0+", Format::Tiff),
         ];
-        magic.into_iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, format)| format)
+        if bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP") {
+            return Some(Self::WebP);
+        }
+        MAGIC.into_iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, format)| format)
     }
 }
 
@@ -71,12 +90,15 @@ mod tests {
         );
         assert_eq!(Format::of_contents(b"#?RADIANCE\n"), Some(Format::Hdr));
         assert_eq!(Format::of_contents(b"\x89PNG\r\n\x1a\nIHDR"), Some(Format::Png));
+        assert_eq!(Format::of_contents(b"RIFF\x1a\0\0\0WEBPVP8L"), Some(Format::WebP));
+        assert_eq!(Format::of_contents(b"RIFF\x1a\0\0\0WAVEfmt "), None);
+        assert_eq!(Format::of_contents(b"MM\0*"), Some(Format::Tiff));
         assert_eq!(Format::of_contents(b"\0\0\x02"), None, "a TGA shows nothing");
     }
 
     #[test]
     fn what_is_only_read_is_not_written() {
-        for name in ["a.jpg", "a.jpeg", "a.tga", "a.bmp"] {
+        for name in ["a.jpg", "a.jpeg", "a.tga", "a.bmp", "a.pfm", "a.webp", "a.tif", "a.TIFF"] {
             assert!(Format::of_input(Path::new(name)).is_ok());
             assert!(matches!(Format::of_output(Path::new(name)), Err(ImageProblem::UnknownFormat { .. })), "{name}");
         }

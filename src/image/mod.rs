@@ -1,7 +1,7 @@
 //! Images: linear radiance in memory, and the files that hold it.
 //!
 //! This room owns [`Image`] and the file formats: EXR, Radiance HDR and PNG are read and written,
-//! JPEG, TGA and BMP are read. Skies and textures of scenes, renders and references all come
+//! PFM, JPEG, WebP, TIFF, TGA and BMP are read. Skies and textures of scenes, renders and references all come
 //! through it, so that a file means the same wherever it is read. It knows nothing of scenes or of
 //! the GPU, and it never prints.
 //!
@@ -23,6 +23,7 @@ mod exr;
 mod files;
 mod format;
 mod limits;
+mod pfm;
 mod rgbe;
 pub mod srgb;
 mod texels;

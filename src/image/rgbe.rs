@@ -56,7 +56,7 @@ pub fn decode(bytes: &[u8]) -> Result<Texels, ImageProblem> {
     // Not strict, because the signature may be `#?RGBE` too.
     let decoder = HdrDecoder::new_nonstrict(bytes).map_err(|error| damaged(error.to_string()))?;
     let (width, height) = decoder.dimensions();
-    check_size(width.into(), height.into())?;
+    check_size(width.into(), height.into(), bytes.len())?;
     let metadata = decoder.metadata();
     let correction = metadata.color_correction.map_or(Vec3::ONE, Vec3::from);
     let exposure = metadata.exposure.unwrap_or(1.0) * correction;

@@ -138,6 +138,11 @@ impl<'a> Sources<'a> {
         }
     }
 
+    /// Whether one of a kind was noted.
+    pub fn has_noted(&self, kind: &str) -> bool {
+        self.warnings.iter().any(|(_, known, _)| *known == Some(kind))
+    }
+
     /// The hash of all that was read, and the warnings.
     pub fn finish(self) -> (String, Vec<String>) {
         let line = |(text, _, count): (String, Option<&str>, usize)| match count {

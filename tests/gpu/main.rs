@@ -15,6 +15,7 @@ mod digests;
 mod lanes;
 mod layouts;
 mod lost_device;
+mod microfacets;
 mod numeric_settings;
 mod numerics;
 mod oracle_images;

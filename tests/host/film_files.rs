@@ -430,12 +430,7 @@ fn tiles_compressions_windows_and_parts_are_read() {
 fn exr_without_plain_colour_says_what_it_has() {
     let folder = folder();
     let path = folder.path().join("depth.exr");
-    for names in [
-        &["G", "Z"][..],
-        // Red, green and blue of what? Mitsuba writes this for CIE XYZ with an albedo.
-        &["X", "Y", "Z", "alb.B", "alb.G", "alb.R", "img.B", "img.G", "img.R"],
-        &["BY", "RY", "Y"],
-    ] {
+    for names in [&["G", "Z"][..], &["BY", "RY", "Y"]] {
         let channels: Vec<_> = names.iter().map(|&name| (name, floats(&[1.0]))).collect();
         let attributes = LayerAttributes::default();
         exr_file(&path, vec![exr_layer((1, 1), Encoding::UNCOMPRESSED, attributes, &channels)]);
@@ -444,6 +439,57 @@ fn exr_without_plain_colour_says_what_it_has() {
         assert!(error.to_string().contains(&names.join(", ")), "{error}");
         assert_well_spoken(&error, &path);
     }
+
+    // Two values of RY for four pixels: name and NUL, type, whether it is linear, and the two sampling rates.
+    let channels: Vec<_> = ["BY", "RY", "Y"].map(|name| (name, floats(&[1.0; 4]))).into();
+    let layer = exr_layer((2, 2), Encoding::UNCOMPRESSED, LayerAttributes::default(), &channels);
+    exr_file(&path, vec![layer]);
+    let mut bytes = fs::read(&path).unwrap();
+    let rates = bytes.windows(4).position(|word| word == b"\0RY\0").unwrap() + 4 + 8;
+    bytes[rates] = 2;
+    fs::write(&path, &bytes).unwrap();
+    let error = read_image(&path).unwrap_err();
+    assert!(error.to_string().contains("channels RY have fewer values than pixels"), "{error}");
+    assert_well_spoken(&error, &path);
+}
+
+#[test]
+fn the_image_is_found_among_groups_by_its_name() {
+    let folder = folder();
+    let path = folder.path().join("layers.exr");
+    let channels_of = |groups: &[&str]| -> Vec<(String, FlatSamples)> {
+        let values = |place: usize| floats(&[place as f32]);
+        let group = |(place, name): (usize, &&str)| ["B", "G", "R"].map(|c| (format!("{name}{c}"), values(place)));
+        groups.iter().enumerate().flat_map(group).collect()
+    };
+    let part = |name: Option<&str>, groups: &[&str]| {
+        let channels = channels_of(groups);
+        let channels: Vec<_> = channels.iter().map(|(name, values)| (name.as_str(), values.clone())).collect();
+        let attributes = name.map_or_else(LayerAttributes::default, LayerAttributes::named);
+        exr_layer((1, 1), Encoding::UNCOMPRESSED, attributes, &channels)
+    };
+    // The value of each group is its place in the list, so the pixel tells which was taken.
+    for (groups, taken) in [
+        (&["ViewLayer.Albedo.", "ViewLayer.Combined."][..], 1.0),
+        (&["Beauty.", "albedo.", "color."], 0.0),
+        (&["alb.", "img.", "RGBA."], 2.0),
+        (&["", "beauty."], 0.0),
+    ] {
+        exr_file(&path, vec![part(None, groups)]);
+        assert_eq!(read_image(&path).unwrap().pixels, [Vec3::splat(taken)], "{groups:?}");
+    }
+    for groups in [&["alb.", "img."][..], &["Back.Combined.", "Front.Combined."]] {
+        exr_file(&path, vec![part(None, groups)]);
+        let error = read_image(&path).unwrap_err();
+        assert!(matches!(error.problem, ImageProblem::SeveralColours { .. }), "{error}");
+        assert!(error.to_string().contains(&groups.join(", ").replace(".,", ",")[..7]), "{error}");
+        assert_well_spoken(&error, &path);
+    }
+    // Parts, in place of groups.
+    exr_file(&path, vec![part(Some("albedo"), &["a.", ""]), part(Some("beauty"), &[""])]);
+    assert_eq!(read_image(&path).unwrap().pixels, [Vec3::ZERO]);
+    exr_file(&path, vec![part(Some("albedo"), &["a.", ""]), part(Some("normal"), &[""])]);
+    assert_eq!(read_image(&path).unwrap().pixels, [Vec3::ONE]);
 }
 
 #[test]

@@ -517,12 +517,14 @@ fn image_names_come_with_blanks_slashes_and_options() {
         ("my tiles.png", "my tiles.png"),
         ("maps\\fine\\t.png", "maps/fine/t.png"),
         ("-s 2 2 1 -clamp on t.png", "t.png"),
+        ("-clamp off -blendu off t.png", "t.png"),
         ("-s 1.000000 1.000000 1.000000 wood tile 01.png", "wood tile 01.png"),
         ("-o 0.5 -s 2 2 oak 2.png", "oak 2.png"),
     ] {
         let scene = textured(&format!("newmtl a\nmap_Kd {written}\n"), name, &image);
         assert_eq!(scene.textures.len(), 1);
-        assert_eq!(warns(&scene, "the option -clamp of map_Kd is ignored"), written.contains("-clamp"));
+        assert_eq!(warns(&scene, "-clamp of map_Kd is not shown"), written.contains("-clamp on"));
+        assert_eq!(warns(&scene, "the option -blendu of map_Kd is ignored"), written.contains("-blendu"));
     }
 }
 
@@ -878,6 +880,8 @@ fn what_a_scene_can_be_shown_without_is_told_once_a_kind() {
         ("newmtl a\nd 0.3\n", "m.mtl:2: d 0.3 is not shown"),
         ("newmtl a\nTr 0.7\n", "m.mtl:2: Tr 0.7 is not shown"),
         ("newmtl a\nmap_d a.png\n", "m.mtl:2: `map_d` is ignored"),
+        ("newmtl a\nmap_Ke a.png\n", "m.mtl:2: `map_Ke` is ignored"),
+        ("newmtl a\nmap_Ke a.png\nKe 1 1 1\n", "m.mtl:2: map_Ke is not read: all of the surface emits Ke"),
         ("newmtl a\nmap_Kd\n", "m.mtl:2: map_Kd has no file name"),
         ("newmtl a\nmap_Kd nowhere.png\n", "m.mtl:2: there is no image"),
         ("newmtl a\nKe 1 1 1\nmap_Kd nowhere.png\n", "m.mtl:1: a material with Ke is a light"),

@@ -204,7 +204,6 @@ fn at_least_one(text: &str) -> Result<usize, String> {
 
 /// Arguments that say how a scene is loaded.
 #[derive(Debug, Clone, Default, clap::Args)]
-#[command(next_help_heading = "Scene")]
 pub struct LoadArguments {
     /// Camera of a glTF file to look through, by its name or that of its node; the first without
     #[arg(long, value_name = "NAME")]

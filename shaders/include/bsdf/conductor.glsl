@@ -13,20 +13,15 @@ BsdfSample sample_smooth_conductor(Material m, Surface surface, vec3 wo) {
     return BsdfSample(reflect(-wo, n), weight, ONE_DIRECTION, BSDF_SPECULAR | BSDF_REFLECT, 1.0);
 }
 
-// Probability with which a direction is drawn for light that facets lose at first.
-float lost_probability(MaterialDetail detail, Microfacets facets) {
-    bool compensates = HAS_COMPENSATION && detail.table != 0u;
-    return compensates ? table_at(detail.table, facets.wo.z, table_alpha(facets.alpha)) : 0.0;
-}
-
 BsdfValue evaluate_facets_of_metal(Material m, MaterialDetail detail, Microfacets facets, vec3 wi) {
     vec3 h = normalize(facets.wo + wi);
     vec3 reflectance = m.ks * metal_reflectance(min(dot(facets.wo, h), 1.0), detail.eta, detail.absorption);
     vec3 f_cos = reflectance * facet_reflection(facets, wi, h);
     float pdf = reflection_pdf(facets, h);
-    if (HAS_COMPENSATION && detail.table != 0u) {
-        f_cos += lost_reflection(detail.table, table_alpha(facets.alpha), facets.wo.z, wi.z, detail.mean_reflectance);
-        pdf = mix(pdf, wi.z * INVERSE_PI, lost_probability(detail, facets));
+    if (compensates(detail.table, facets.alpha)) {
+        float alpha = table_alpha(facets.alpha);
+        f_cos += lost_reflection(detail.table, alpha, facets.wo.z, wi.z, detail.mean_reflectance);
+        pdf = mix(pdf, lost_pdf(alpha, wi.z), table_at(detail.table, facets.wo.z, alpha));
     }
     return BsdfValue(f_cos, pdf);
 }
@@ -46,8 +41,11 @@ BsdfSample sample_conductor(Material m, Surface surface, vec3 wo, float choice, 
     MaterialDetail detail = material_detail_at(surface);
     Microfacets facets = microfacets_of(surface, detail.alpha, wo);
     vec3 local = sample_reflection(facets, u);
-    if (HAS_COMPENSATION && choice < lost_probability(detail, facets)) {
-        local = vec3(sine_of(cosine_of(u.x)) * on_circle(u.y), cosine_of(u.x));
+    if (compensates(detail.table, facets.alpha)) {
+        float alpha = table_alpha(facets.alpha);
+        if (choice < table_at(detail.table, facets.wo.z, alpha)) {
+            local = sample_lost(alpha, u);
+        }
     }
     vec3 wi = from_facets(facets, local);
     BsdfValue value = BsdfValue(vec3(0.0), 1.0);

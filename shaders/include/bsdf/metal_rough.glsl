@@ -1,5 +1,6 @@
 // glTF's mixture of a metal and of a diffuse body under a dielectric interface, perhaps under a clear coat. (Khronos, glTF
-// 2.0, appendix B, and KHR_materials_ior, _specular and _clearcoat; what passes the coat is weighed on its way in and out)
+// 2.0, appendix B, and KHR_materials_ior, _specular and _clearcoat) What passes an interface is weighed on its way in and
+// out, so that no more comes back than arrived. (Ashikhmin and Shirley 2000, An Anisotropic Phong BRDF Model)
 #ifndef METAL_ROUGH_GLSL
 #define METAL_ROUGH_GLSL
 #include "bsdf/microfacet.glsl"
@@ -18,6 +19,7 @@ struct MetalRough {
     Microfacets facets;
     Microfacets coat_facets;
     vec3 at_normal;  // reflectance of the facets at normal incidence
+    vec3 of_body;    // of those over the diffuse body
     vec3 diffuse;
     float coat;
     uint table;
@@ -32,10 +34,11 @@ MetalRough metal_rough_of(Material m, Surface surface, vec3 wo) {
     MetalRough mixture;
     mixture.facets = microfacets_of(surface, detail.alpha, wo);
     float root = (m.ni - 1.0) / (m.ni + 1.0);
-    mixture.at_normal = mix(min(m.ks * (root * root), vec3(1.0)), m.kd, detail.metalness);
+    mixture.of_body = min(m.ks * (root * root), vec3(1.0));
+    mixture.at_normal = mix(mixture.of_body, m.kd, detail.metalness);
     mixture.diffuse = m.kd * (1.0 - detail.metalness);
     mixture.coat = 0.0;
-    mixture.table = HAS_COMPENSATION ? detail.table : 0u;
+    mixture.table = compensates(detail.table, detail.alpha) ? detail.table : 0u;
     float cos_o = mixture.facets.wo.z;
     float seen = mean3(schlick_reflectance(min(cos_o, 1.0), mixture.at_normal));
     float below = mean3(mixture.diffuse) * (1.0 - seen);
@@ -65,17 +68,24 @@ BsdfValue evaluate_mixture(MetalRough mixture, vec3 wi) {
     float cos_h = min(dot(facets.wo, h), 1.0);
     vec3 reflectance = schlick_reflectance(cos_h, mixture.at_normal);
     float diffuse = wi.z * INVERSE_PI;
-    vec3 f_cos = reflectance * facet_reflection(facets, wi, h) + (1.0 - reflectance) * mixture.diffuse * diffuse;
-    float rest = max(1.0 - shares.coat - shares.facets, 0.0);
+    vec3 f_cos = reflectance * facet_reflection(facets, wi, h);
+    // The mean of Schlick's reflectance is its value at normal incidence and a 21st of the rest.
+    vec3 out_share = 1.0 - schlick_reflectance(min(facets.wo.z, 1.0), mixture.of_body);
+    vec3 in_share = 1.0 - schlick_reflectance(min(wi.z, 1.0), mixture.of_body);
+    vec3 mean_share = max((1.0 - mixture.of_body) * (20.0 / 21.0), vec3(1e-6));
+    f_cos += mixture.diffuse * (out_share * in_share / mean_share) * diffuse;
+    float rest = max(1.0 - shares.coat - shares.facets - shares.lost, 0.0);
     float pdf = shares.facets * reflection_pdf(facets, h) + rest * diffuse;
     if (HAS_COMPENSATION && mixture.table != 0u) {
         vec3 mean = mixture.at_normal + (1.0 - mixture.at_normal) * (1.0 / 21.0);
-        f_cos += lost_reflection(mixture.table, table_alpha(facets.alpha), facets.wo.z, wi.z, mean);
+        float alpha = table_alpha(facets.alpha);
+        f_cos += lost_reflection(mixture.table, alpha, facets.wo.z, wi.z, mean);
+        pdf += shares.lost * lost_pdf(alpha, wi.z);
     }
     if (HAS_COAT) {
-        float out_share = 1.0 - mixture.coat * coat_reflectance(min(facets.wo.z, 1.0));
-        float in_share = 1.0 - mixture.coat * coat_reflectance(min(wi.z, 1.0));
-        f_cos *= out_share * in_share;
+        float through_out = 1.0 - mixture.coat * coat_reflectance(min(facets.wo.z, 1.0));
+        float through_in = 1.0 - mixture.coat * coat_reflectance(min(wi.z, 1.0));
+        f_cos *= through_out * through_in;
         f_cos += mixture.coat * coat_reflectance(cos_h) * facet_reflection(mixture.coat_facets, wi, h);
         pdf += shares.coat * reflection_pdf(mixture.coat_facets, h);
     }
@@ -104,6 +114,8 @@ BsdfSample sample_metal_rough(Material m, Surface surface, vec3 wo, float choice
             facets = mixture.coat_facets;
         }
         local = sample_reflection(facets, u);
+    } else if (HAS_COMPENSATION && choice < shares.coat + shares.facets + shares.lost) {
+        local = sample_lost(table_alpha(mixture.facets.alpha), u);
     }
     vec3 wi = from_facets(mixture.facets, local);
     BsdfValue value = BsdfValue(vec3(0.0), 1.0);

@@ -108,4 +108,23 @@ vec3 lost_reflection(uint table, float alpha, float cos_o, float cos_i, vec3 mea
 // The roughness of a table's rows.
 float table_alpha(vec2 alpha) { return sqrt(alpha.x * alpha.y); }
 
+// Below that roughness facets lose light at grazing angles alone, and it is not made up for.
+const float COMPENSATED_FROM = 0.01;
+
+bool compensates(uint table, vec2 alpha) { return HAS_COMPENSATION && table != 0u && table_alpha(alpha) >= COMPENSATED_FROM; }
+
+// Light that facets lose is drawn about as they lose it: its cosine's square x with a pdf in proportion to
+// 1 / (alpha^2 + x), as masking by slopes of alpha grows towards the horizon.
+float lost_spread(float alpha) { return logarithm(1.0 + 1.0 / (alpha * alpha)); }
+
+vec3 sample_lost(float alpha, vec2 u) {
+    float x = alpha * alpha * (exponential(u.x * lost_spread(alpha)) - 1.0);
+    float cosine = sqrt(clamp(x, 0.0, 1.0));
+    return vec3(sine_of(cosine) * on_circle(u.y), cosine);
+}
+
+float lost_pdf(float alpha, float cosine) {
+    return cosine * INVERSE_PI / ((alpha * alpha + cosine * cosine) * lost_spread(alpha));
+}
+
 #endif

@@ -21,15 +21,13 @@ RoughInterface rough_interface_of(Material m, Surface surface, vec3 wo) {
     seen.eta = outside ? m.ni : 1.0 / m.ni;
     seen.table = 0u;
     seen.other_table = 0u;
-    if (HAS_COMPENSATION && detail.table != 0u) {
+    if (compensates(detail.table, detail.alpha)) {
         uint inner = next_table(detail.table);
         seen.table = outside ? detail.table : inner;
         seen.other_table = outside ? inner : detail.table;
     }
     return seen;
 }
-
-bool compensates(RoughInterface seen) { return HAS_COMPENSATION && seen.table != 0u; }
 
 // Share of the light that facets lose which leaves on the other side. The inside of a dense body loses more than its
 // outside; it is what makes both directions of a path alike.
@@ -71,19 +69,18 @@ BsdfValue evaluate_rough_interface(Material m, RoughInterface seen, vec3 wi, vec
     } else {
         value = facet_transmission(m, seen, wi, facet);
     }
-    if (compensates(seen)) {
+    if (HAS_COMPENSATION && seen.table != 0u) {
         float alpha = table_alpha(facets.alpha);
         float lost = table_at(seen.table, facets.wo.z, alpha);
         float through = lost_through(seen);
         float cosine = abs(wi.z);
-        float diffuse = cosine * INVERSE_PI;
         bool back = wi.z > 0.0;
         uint table = back ? seen.table : seen.other_table;
         float share = back ? 1.0 - through : through;
         float spread = table_at(table, cosine, alpha) / max(table_mean(table, alpha), 1e-9);
         vec3 tint = back ? vec3(1.0) : m.tf / (seen.eta * seen.eta);
-        value.f_cos += tint * (share * lost * spread * diffuse);
-        value.pdf = mix(value.pdf, share * diffuse, lost);
+        value.f_cos += tint * (share * lost * spread * cosine * INVERSE_PI);
+        value.pdf = mix(value.pdf, share * lost_pdf(alpha, cosine), lost);
     }
     return value;
 }
@@ -112,7 +109,7 @@ BsdfSample sample_rough_dielectric(Material m, Surface surface, vec3 wo, float c
     vec3 facet = sample_visible_normal(seen.facets, 1.0, u);
     float cos_o = min(dot(out_direction, facet), 1.0);
     bool by_facet = true;
-    if (compensates(seen)) {
+    if (HAS_COMPENSATION && seen.table != 0u) {
         by_facet = split_sample(choice, table_at(seen.table, out_direction.z, table_alpha(seen.facets.alpha)));
     }
     bool reflects = choice < dielectric_reflectance(cos_o, seen.eta);
@@ -121,7 +118,8 @@ BsdfSample sample_rough_dielectric(Material m, Surface surface, vec3 wo, float c
     vec3 local = reflects ? 2.0 * cos_o * facet - out_direction : normalize(refracted);
     if (HAS_COMPENSATION && !by_facet) {
         reflects = choice >= lost_through(seen);
-        local = vec3(sine_of(cosine_of(u.x)) * on_circle(u.y), reflects ? cosine_of(u.x) : -cosine_of(u.x));
+        local = sample_lost(table_alpha(seen.facets.alpha), u);
+        local.z = reflects ? local.z : -local.z;
         facet = facet_between(seen, local);
     }
     vec3 wi = from_facets(seen.facets, local);

@@ -116,15 +116,17 @@ impl Materials {
         let ImageFile { path, location, source } = &self.images[image];
         let is_there = !matches!(source, ImageSource::File) || sources.has(path);
         if !is_there {
+            const KIND: &str = "no such image";
             let name = one_line(&path.to_string_lossy());
             let text = if sources.is_outside(path) {
                 format!("image `{name}` {OUTSIDE}; the constant is shown")
             } else {
-                let other =
-                    sources.in_another_case(path).map_or_else(String::new, |other| format!("; there is `{other}`"));
+                // Only the first is shown, and a folder is long to read.
+                let other = if sources.has_noted(KIND) { None } else { sources.in_another_case(path) };
+                let other = other.map_or_else(String::new, |other| format!("; there is `{other}`"));
                 format!("there is no image `{name}`; the constant is shown{other}")
             };
-            sources.note(&Warning { kind: "no such image", location: location.clone(), text });
+            sources.note(&Warning { kind: KIND, location: location.clone(), text });
         }
         is_there
     }

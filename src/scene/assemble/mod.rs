@@ -24,7 +24,7 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
     let location = Location::file(path);
 
     // Flatten the instances, one mesh after the other.
-    let mut materials = Materials::new(materials, images);
+    let mut materials = Materials::new(materials, images.files);
     let mut mesh = Mesh::default();
     let mut without_area = 0;
     instances.sort_by_key(|instance| instance.mesh);

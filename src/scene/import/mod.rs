@@ -11,9 +11,11 @@ mod obj;
 mod ply;
 mod polygons;
 
-use std::collections::HashMap;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use glam::{DMat3, DVec3, Vec2, Vec3};
 
@@ -34,7 +36,7 @@ pub(super) struct Import {
     pub meshes: Vec<Mesh>,
     /// Meshes need not use all of them.
     pub materials: Vec<Material>,
-    pub images: Vec<ImageFile>,
+    pub images: Images,
     pub instances: Vec<Instance>,
     /// `None` where the file has meshes and nothing else: then they are seen whole, and lit where
     /// nothing emits light.
@@ -243,14 +245,30 @@ pub(super) enum Environment {
     },
 }
 
-/// The index of an image among those of an import, to which it is added where it is new.
-fn index_of_image(images: &mut Vec<ImageFile>, image: &ImageFile) -> usize {
-    let is_same = |other: &ImageFile| matches!(other.source, ImageSource::File) && other.path == image.path;
-    let known = images.iter().position(is_same);
-    known.unwrap_or_else(|| {
-        images.push(image.clone());
-        images.len() - 1
-    })
+/// The images that materials name.
+#[derive(Debug, Default)]
+pub(super) struct Images {
+    pub files: Vec<ImageFile>,
+    /// Of those that are files of their own, each once.
+    indices: HashMap<PathBuf, usize>,
+}
+
+impl Images {
+    /// The index of an image, which is added where it is new.
+    fn index_of(&mut self, image: &ImageFile) -> usize {
+        let ImageSource::File = image.source else { return self.add(image.clone()) };
+        let index = *self.indices.entry(image.path.clone()).or_insert(self.files.len());
+        if index == self.files.len() {
+            self.files.push(image.clone());
+        }
+        index
+    }
+
+    /// Adds an image that no other is.
+    fn add(&mut self, image: ImageFile) -> usize {
+        self.files.push(image);
+        self.files.len() - 1
+    }
 }
 
 /// A channel of a colour as near to it as one can be: at least 0, and finite.
@@ -359,7 +377,7 @@ mod tests {
         assert_eq!((optics.diffuse, optics.specular, optics.exponent), (Vec3::splat(0.1), Vec3::splat(0.2), 9.0));
         // The image is named and not read: nothing says yet that a surface shows it.
         assert_eq!(glossy.map(Parameter::Diffuse), Some(Map::colour(0)));
-        assert_eq!(import.images[0].path, Path::new("t.png"));
+        assert_eq!(import.images.files[0].path, Path::new("t.png"));
         assert_eq!(imported("m.obj").materials[1].optics.exponent, 1.0);
     }
 }

@@ -5,7 +5,7 @@ use std::{collections::HashMap, path::Path};
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 
-use super::{Fault, ImageFile, Map, Material, index_of_image};
+use super::{Fault, ImageFile, Images, Map, Material};
 use crate::scene::{
     Lookup, Parameter, Surface, Wrap,
     error::Location,
@@ -32,6 +32,8 @@ pub(super) struct Definition {
     illum: f32,
     /// Opacity, if a file says it.
     opacity: Option<f64>,
+    /// Where an image is given of what the surface emits.
+    emission_image: Option<Location>,
 }
 
 /// A property of a material and its value.
@@ -72,7 +74,8 @@ impl Property {
 impl Definition {
     /// Nothing yet of a material that is named at `location`.
     pub fn at(location: Location) -> Self {
-        Self { location, properties: Vec::new(), warnings: Vec::new(), illum: 2.0, opacity: None }
+        let (properties, warnings) = Default::default();
+        Self { location, properties, warnings, illum: 2.0, opacity: None, emission_image: None }
     }
 
     /// Adds what a numeric key says, which stands at `location`. The error says what is wrong and
@@ -144,8 +147,24 @@ impl Definition {
         self.properties.push(Property::Withheld(surface));
     }
 
+    /// Tells of an image of what is emitted, which is not read. Beside `Ke`, more than that image says becomes a light.
+    fn tell_of_emission_image(&mut self) {
+        let Some(location) = self.emission_image.take() else { return };
+        match self.last("Ke") {
+            Some(Property::Emission(radiance)) if *radiance != Vec3::ZERO => {
+                self.warn("emission image", &location, "map_Ke is not read: all of the surface emits Ke");
+            }
+            _ => self.warn_of_image("map_Ke", &location),
+        }
+    }
+
+    fn warn_of_image(&mut self, key: &str, location: &Location) {
+        let text = format!("`{}` is ignored: map_Kd is the only image read", excerpt(key));
+        self.warn("image of another key", location, text);
+    }
+
     /// Lays what is said over a material, whose image is then one of `images`.
-    pub fn apply(&self, material: &mut Material, images: &mut Vec<ImageFile>) {
+    pub fn apply(&self, material: &mut Material, images: &mut Images) {
         if material.location.is_none() {
             // It warned of nothing but its lack of a definition.
             material.warnings.clear();
@@ -173,7 +192,7 @@ impl Definition {
                 Property::DiffuseImage(image) => {
                     let map = image
                         .as_ref()
-                        .map(|(image, lookup)| Map { lookup: *lookup, ..Map::colour(index_of_image(images, image)) });
+                        .map(|(image, lookup)| Map { lookup: *lookup, ..Map::colour(images.index_of(image)) });
                     material.set_map(Parameter::Diffuse, map);
                 }
                 Property::Unusable(fault) => material.faults.push(fault.clone()),
@@ -264,14 +283,17 @@ pub(super) fn read(path: &Path, text: &str, sources: &mut Sources<'_>) -> Librar
                 }
                 material.opacity = Some(opacity);
             }
+            "map_Ke" => material.emission_image = Some(location),
             _ if key.starts_with("map_") || ["bump", "disp", "decal", "norm", "refl"].contains(&key) => {
-                let text = format!("`{}` is ignored: map_Kd is the only image read", excerpt(key));
-                material.warn("image of another key", &location, text);
+                material.warn_of_image(key, &location);
             }
             _ => {}
         }
     }
-    materials.values_mut().for_each(Definition::doubt_glass);
+    for material in materials.values_mut() {
+        material.doubt_glass();
+        material.tell_of_emission_image();
+    }
     materials
 }
 

@@ -173,7 +173,7 @@ fn cosine_power(axis: DVec3, exponent: f64, u: DVec2) -> DVec3 {
 const BASIS_EDGE: f64 = -0.4375;
 
 /// The basis in which the kernels measure angles. (Duff et al. 2017, Building an Orthonormal Basis, Revisited)
-fn basis(n: DVec3) -> (DVec3, DVec3) {
+pub fn basis(n: DVec3) -> (DVec3, DVec3) {
     let sign = if n.z >= BASIS_EDGE { 1.0 } else { -1.0 };
     let a = -1.0 / (sign + n.z);
     let b = n.x * n.y * a;

@@ -10,7 +10,7 @@ use super::json;
 use crate::scene::{
     self, Lookup, Parameter, Surface, Wrap,
     error::Location,
-    import::{ImageFile, ImageSource, Import, Map, Material, Response, index_of_image},
+    import::{ImageFile, ImageSource, Import, Map, Material, Response},
     sources::{Sources, Warning},
     text::{excerpt, name},
 };
@@ -148,7 +148,7 @@ fn image(index: usize, context: &mut Context<'_, '_>) -> Result<Option<usize>, S
     let file = match (&image.uri, image.buffer_view) {
         (Some(uri), _) => match resolve(uri, context.path, context.sources) {
             Ok(Place::File(file)) => {
-                return Ok(Some(index_of_image(&mut context.import.images, &ImageFile::file(file, location))));
+                return Ok(Some(context.import.images.index_of(&ImageFile::file(file, location))));
             }
             Ok(Place::Bytes(bytes)) => of_bytes(&bytes),
             Err(problem) => {
@@ -162,8 +162,7 @@ fn image(index: usize, context: &mut Context<'_, '_>) -> Result<Option<usize>, S
             return Ok(None);
         }
     };
-    context.import.images.push(file);
-    Ok(Some(context.import.images.len() - 1))
+    Ok(Some(context.import.images.add(file)))
 }
 
 /// KHR_texture_transform, which scales, turns and moves coordinates of which v grows downwards, for such of which it grows
