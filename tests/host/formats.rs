@@ -128,6 +128,36 @@ fn ply_is_the_same_mesh_in_all_encodings() {
 }
 
 #[test]
+fn binary_ply_of_triangles_alone_is_the_same_mesh() {
+    let header = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n\
+        property list uchar int vertex_indices\nend_header\n";
+    let binary = |big: bool, faces: [[i32; 3]; 2]| {
+        let format = if big { "big" } else { "little" };
+        let mut bytes = format!("ply\nformat binary_{format}_endian 1.0\n{header}").into_bytes();
+        let order = |mut number: [u8; 4]| {
+            if big {
+                number.reverse();
+            }
+            number
+        };
+        for [x, y] in SQUARE {
+            [x, y, 0.0].into_iter().for_each(|value| bytes.extend(order((value as f32).to_le_bytes())));
+        }
+        for face in faces {
+            bytes.push(3);
+            face.into_iter().for_each(|index| bytes.extend(order(index.to_le_bytes())));
+        }
+        bytes
+    };
+    let faces = [[0, 1, 2], [0, 2, 3]];
+    let [a, b] = [false, true].map(|big| corners(&load("m.ply", binary(big, faces)).unwrap()));
+    assert_eq!(a, b);
+    assert_eq!(a, faces.map(|face| face.map(|index| SQUARE[index as usize]).map(|[x, y]| dvec3(x, y, 0.0))));
+    let error = load("m.ply", binary(true, [[0, 1, 2], [0, -2, 7]])).unwrap_err().to_string();
+    assert!(error.ends_with("m.ply: vertex index -2 is out of range; the file has 4, counted from 0"), "{error}");
+}
+
+#[test]
 fn ply_of_strips_and_of_a_concave_polygon() {
     let vertices = "element vertex 5\nproperty float x\nproperty float y\nproperty float z\n";
     let points = "0 0 0\n2 0 0\n0 2 0\n2 2 0\n1 0.5 0\n";

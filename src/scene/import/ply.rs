@@ -3,6 +3,7 @@
 use std::{collections::HashSet, path::Path, str};
 
 use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
 
 use super::{Import, Material, Mesh, light, polygons::Polygons};
 use crate::{
@@ -331,6 +332,11 @@ trait Numbers {
     fn fault(&self) -> Fault;
     /// The line of the last one, in a text.
     fn line(&self) -> Option<usize>;
+    /// The rows of an element where they are all as most files have them, a list of three whole numbers of 32 bits and no
+    /// more; and then none of them is left. In parallel: there may be millions.
+    fn triangles(&mut self, _: &Element) -> Option<Vec<[u32; 3]>> {
+        None
+    }
 }
 
 struct Binary<'a, const IS_BIG_ENDIAN: bool> {
@@ -371,6 +377,28 @@ impl<const IS_BIG_ENDIAN: bool> Numbers for Binary<'_, IS_BIG_ENDIAN> {
             Scalar::F32 => f64::from(f32::from_le_bytes(self.bytes()?)),
             Scalar::F64 => f64::from_le_bytes(self.bytes()?),
         })
+    }
+
+    fn triangles(&mut self, element: &Element) -> Option<Vec<[u32; 3]>> {
+        const ROW: usize = 1 + 3 * 4;
+        let [Property { scalar: Scalar::I32 | Scalar::U32, length: Some(Scalar::U8), .. }] = element.properties[..]
+        else {
+            return None;
+        };
+        let (rows, rest) = self.rest.split_at_checked(element.count.checked_mul(ROW)?)?;
+        let corners = |row: &[u8]| {
+            let [3, corners @ ..] = *row.first_chunk::<ROW>()? else { return None };
+            Some([0, 4, 8].map(|at| {
+                let mut bytes = [corners[at], corners[at + 1], corners[at + 2], corners[at + 3]];
+                if IS_BIG_ENDIAN {
+                    bytes.reverse();
+                }
+                u32::from_le_bytes(bytes)
+            }))
+        };
+        let triangles = rows.par_chunks_exact(ROW).map(corners).collect::<Option<_>>()?;
+        self.rest = rest;
+        Some(triangles)
     }
 
     fn fault(&self) -> Fault {
@@ -564,8 +592,31 @@ impl Building {
             return Err(Fault::new(element.line, "faces stand above all vertices; export the file anew"));
         }
         let list = element.corners();
+        if element.name == "face"
+            && let Some(triangles) = numbers.triangles(element)
+        {
+            let is_signed = element.properties.iter().any(|property| property.scalar == Scalar::I32);
+            let fault = |corner: &u32| {
+                let number = if is_signed { f64::from(corner.cast_signed()) } else { f64::from(*corner) };
+                self.corner(number).err()
+            };
+            if let Some(problem) = triangles.par_iter().flatten_iter().find_map_first(fault) {
+                return Err(Fault::new(None, problem));
+            }
+            let triangle = |corners: &[u32; 3]| {
+                let [a, b, c] = corners.map(|corner| self.indices(corner));
+                let all = |kind: usize| {
+                    let indices = [a[kind], b[kind], c[kind]];
+                    if indices.contains(&NONE) { [NONE; 3] } else { indices }
+                };
+                Triangle { positions: all(0), uvs: all(1), normals: all(2), material: self.material }
+            };
+            let mut triangles: Vec<Triangle> = triangles.par_iter().map(triangle).collect();
+            self.triangles.append(&mut triangles);
+            return Ok(());
+        }
         let are_strips = element.name == "tristrips";
-        self.triangles.reserve_exact(if are_strips { 0 } else { element.count });
+        self.triangles.reserve(if are_strips { 0 } else { element.count });
         let mut corners = Vec::new();
         for _ in 0..element.count {
             for (index, property) in element.properties.iter().enumerate() {
