@@ -332,12 +332,15 @@ trait Numbers {
     fn fault(&self) -> Fault;
     /// The line of the last one, in a text.
     fn line(&self) -> Option<usize>;
-    /// The rows of an element where they are all as most files have them, a list of three whole numbers of 32 bits and no
-    /// more; and then none of them is left. In parallel: there may be millions.
-    fn triangles(&mut self, _: &Element) -> Option<Vec<[u32; 3]>> {
+    /// The rows of an element, and what takes one to its corners, where they are all as most files have them: a list of three
+    /// whole numbers of 32 bits and no more. Then none of them is left. There may be millions.
+    fn triangles(&mut self, _: &Element) -> Option<(&[u8], fn(&[u8]) -> [u32; 3])> {
         None
     }
 }
+
+/// Bytes of a row that is a list of three whole numbers of 32 bits.
+const TRIANGLE_SIZE: usize = 1 + 3 * 4;
 
 struct Binary<'a, const IS_BIG_ENDIAN: bool> {
     rest: &'a [u8],
@@ -379,26 +382,20 @@ impl<const IS_BIG_ENDIAN: bool> Numbers for Binary<'_, IS_BIG_ENDIAN> {
         })
     }
 
-    fn triangles(&mut self, element: &Element) -> Option<Vec<[u32; 3]>> {
-        const ROW: usize = 1 + 3 * 4;
+    fn triangles(&mut self, element: &Element) -> Option<(&[u8], fn(&[u8]) -> [u32; 3])> {
         let [Property { scalar: Scalar::I32 | Scalar::U32, length: Some(Scalar::U8), .. }] = element.properties[..]
         else {
             return None;
         };
-        let (rows, rest) = self.rest.split_at_checked(element.count.checked_mul(ROW)?)?;
-        let corners = |row: &[u8]| {
-            let [3, corners @ ..] = *row.first_chunk::<ROW>()? else { return None };
-            Some([0, 4, 8].map(|at| {
-                let mut bytes = [corners[at], corners[at + 1], corners[at + 2], corners[at + 3]];
-                if IS_BIG_ENDIAN {
-                    bytes.reverse();
-                }
-                u32::from_le_bytes(bytes)
-            }))
-        };
-        let triangles = rows.par_chunks_exact(ROW).map(corners).collect::<Option<_>>()?;
+        let (rows, rest) = self.rest.split_at_checked(element.count.checked_mul(TRIANGLE_SIZE)?)?;
+        if !rows.par_chunks_exact(TRIANGLE_SIZE).all(|row| row.first() == Some(&3)) {
+            return None;
+        }
         self.rest = rest;
-        Some(triangles)
+        Some((rows, |row| {
+            let mut corners = Binary::<IS_BIG_ENDIAN> { rest: row.get(1..).unwrap_or_default() };
+            [(); 3].map(|()| corners.bytes().map_or(NONE, u32::from_le_bytes))
+        }))
     }
 
     fn fault(&self) -> Fault {
@@ -593,17 +590,18 @@ impl Building {
         }
         let list = element.corners();
         if element.name == "face"
-            && let Some(triangles) = numbers.triangles(element)
+            && let Some((rows, corners)) = numbers.triangles(element)
         {
+            let rows = rows.par_chunks_exact(TRIANGLE_SIZE).map(corners);
             let is_signed = element.properties.iter().any(|property| property.scalar == Scalar::I32);
-            let fault = |corner: &u32| {
-                let number = if is_signed { f64::from(corner.cast_signed()) } else { f64::from(*corner) };
+            let fault = |corner: u32| {
+                let number = if is_signed { f64::from(corner.cast_signed()) } else { f64::from(corner) };
                 self.corner(number).err()
             };
-            if let Some(problem) = triangles.par_iter().flatten_iter().find_map_first(fault) {
+            if let Some(problem) = rows.clone().find_map_first(|corners| corners.into_iter().find_map(fault)) {
                 return Err(Fault::new(None, problem));
             }
-            let triangle = |corners: &[u32; 3]| {
+            let triangle = |corners: [u32; 3]| {
                 let [a, b, c] = corners.map(|corner| self.indices(corner));
                 let all = |kind: usize| {
                     let indices = [a[kind], b[kind], c[kind]];
@@ -611,8 +609,11 @@ impl Building {
                 };
                 Triangle { positions: all(0), uvs: all(1), normals: all(2), material: self.material }
             };
-            let mut triangles: Vec<Triangle> = triangles.par_iter().map(triangle).collect();
-            self.triangles.append(&mut triangles);
+            let mut triangles: Vec<Triangle> = rows.map(triangle).collect();
+            match self.triangles.is_empty() {
+                true => self.triangles = triangles,
+                false => self.triangles.append(&mut triangles),
+            }
             return Ok(());
         }
         let are_strips = element.name == "tristrips";
