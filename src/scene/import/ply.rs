@@ -321,6 +321,9 @@ impl Header {
     }
 }
 
+/// Takes a row to the corners of a triangle.
+type ReadCorners = fn(&[u8]) -> [u32; 3];
+
 /// The numbers of a body, one after the other.
 trait Numbers {
     /// How many bytes a number of that type has at least.
@@ -334,7 +337,7 @@ trait Numbers {
     fn line(&self) -> Option<usize>;
     /// The rows of an element, and what takes one to its corners, where they are all as most files have them: a list of three
     /// whole numbers of 32 bits and no more. Then none of them is left. There may be millions.
-    fn triangles(&mut self, _: &Element) -> Option<(&[u8], fn(&[u8]) -> [u32; 3])> {
+    fn triangles(&mut self, _: &Element) -> Option<(&[u8], ReadCorners)> {
         None
     }
 }
@@ -382,7 +385,7 @@ impl<const IS_BIG_ENDIAN: bool> Numbers for Binary<'_, IS_BIG_ENDIAN> {
         })
     }
 
-    fn triangles(&mut self, element: &Element) -> Option<(&[u8], fn(&[u8]) -> [u32; 3])> {
+    fn triangles(&mut self, element: &Element) -> Option<(&[u8], ReadCorners)> {
         let [Property { scalar: Scalar::I32 | Scalar::U32, length: Some(Scalar::U8), .. }] = element.properties[..]
         else {
             return None;
