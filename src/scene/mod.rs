@@ -1,4 +1,4 @@
-//! Scenes: TOML, Mitsuba's XML, OBJ, MTL and image files read into one validated [`Scene`].
+//! Scenes: TOML, Mitsuba's XML, OBJ, PLY, glTF and image files read into one validated [`Scene`].
 //!
 //! An importer turns a file into an `Import`, which no file format shows in (`import`); `assemble`
 //! makes the scene of it. This room knows nothing of the GPU, of BVHs or of films: everything here is
@@ -20,6 +20,7 @@
 mod assemble;
 mod builder;
 mod error;
+mod export;
 mod import;
 mod options;
 pub mod shapes;
@@ -32,9 +33,11 @@ use std::sync::Arc;
 
 use crate::settings::Settings;
 use glam::{Affine2, DMat3, DVec3, Vec2, Vec3};
+use rayon::prelude::*;
 
 pub use builder::SceneBuilder;
 pub use error::{Location, SceneError};
+pub use export::{MeshFormat, SceneFiles};
 pub use options::LoadOptions;
 use sources::{Files, Sources};
 
@@ -74,7 +77,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Reads a scene file, `.toml` or Mitsuba 3's `.xml`, or a bare mesh, `.obj`.
+    /// Reads a scene file, `.toml`, `.gltf`, `.glb` or Mitsuba 3's `.xml`, or a bare mesh, `.obj` or `.ply`.
     ///
     /// A bare mesh is seen whole, along -z and a little from above, in an image of 512 x 512; where
     /// it has no light of its own it stands in a white environment of radiance 1.
@@ -85,10 +88,10 @@ impl Scene {
         Self::load_with(path, &LoadOptions::default())
     }
 
-    /// As [`load`](Self::load), with a say in how.
+    /// The same with options.
     ///
     /// # Errors
-    /// As [`load`](Self::load).
+    /// As [`Scene::load`], and options that do not fit the scene.
     pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
         Self::load_from(Files::Disk, path, options)
     }
@@ -176,12 +179,15 @@ impl Mesh {
     /// The lowest and highest corner of the box around all triangles; of an empty mesh, infinite
     /// and the wrong way round.
     pub fn bounds(&self) -> (DVec3, DVec3) {
-        let corners = self.triangles.iter().flat_map(|triangle| triangle.positions);
         let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        corners.fold(empty, |(low, high), corner| {
-            let point = self.positions[corner as usize];
-            (low.min(point), high.max(point))
-        })
+        let around = |(low, high): (DVec3, DVec3), triangle: &Triangle| {
+            let corners = triangle.positions.map(|corner| self.positions[corner as usize]);
+            corners.into_iter().fold((low, high), |(low, high), point| (low.min(point), high.max(point)))
+        };
+        let both = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
+        let (low, high) = self.triangles.par_iter().fold(|| empty, around).reduce(|| empty, both);
+        // Which of two zeros is least is left to chance.
+        (low + DVec3::ZERO, high + DVec3::ZERO)
     }
 }
 

@@ -12,6 +12,9 @@ use super::{
     text::one_line,
 };
 
+/// What is wrong with a file that is not in the scene's folder, and what to do.
+pub(super) const OUTSIDE: &str = "lies outside of the scene's folder; move it there, or pass --allow-outside";
+
 /// A place that files are read from by their path.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Files {
@@ -70,8 +73,30 @@ impl<'a> Sources<'a> {
         Self { files, options, folder, hash: blake3::Hasher::new(), warnings: Vec::new() }
     }
 
+    /// Whether a file may not be read because it is not in the scene's folder. Scenes come from anywhere, and pictures of
+    /// them may go anywhere: what they name is not to reach the rest of a disk. Names are compared, links not followed.
+    pub fn is_outside(&self, path: &Path) -> bool {
+        if self.options.allow_outside {
+            return false;
+        }
+        let Ok(name) = path.strip_prefix(self.folder) else { return true };
+        let mut depth = 0_i64;
+        name.components().any(|part| {
+            depth += match part {
+                Component::Normal(_) => 1,
+                Component::CurDir => 0,
+                Component::ParentDir => -1,
+                Component::RootDir | Component::Prefix(_) => i64::MIN / 2,
+            };
+            depth < 0
+        })
+    }
+
     /// Reads a file, which then counts in the scene's hash.
     pub fn read(&mut self, path: &Path) -> io::Result<Vec<u8>> {
+        if self.is_outside(path) {
+            return Err(io::Error::new(io::ErrorKind::PermissionDenied, OUTSIDE));
+        }
         let bytes = self.files.read(path)?;
         self.add_to_hash(path, &bytes);
         Ok(bytes)
@@ -79,15 +104,16 @@ impl<'a> Sources<'a> {
 
     /// Reads a file that the scene cannot do without. `named_at` is where the user finds its name.
     pub fn require(&mut self, path: &Path, named_at: &Location) -> Result<Vec<u8>, SceneError> {
-        self.read(path).map_err(|error| {
-            let file = one_line(&path.to_string_lossy());
-            named_at.refuse(format!("cannot read `{file}` ({error}); check the name"))
-        })
+        let file = one_line(&path.to_string_lossy());
+        if self.is_outside(path) {
+            return Err(named_at.refuse(format!("`{file}` {OUTSIDE}")));
+        }
+        self.read(path).map_err(|error| named_at.refuse(format!("cannot read `{file}` ({error}); check the name")))
     }
 
-    /// Whether there is such a file.
+    /// Whether there is such a file, and it may be read.
     pub fn has(&self, path: &Path) -> bool {
-        self.files.has(path)
+        !self.is_outside(path) && self.files.has(path)
     }
 
     /// The name of a file that differs from that path in capital letters only, if there is no such file.

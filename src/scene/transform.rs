@@ -2,6 +2,14 @@
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
+/// What takes normals along with a linear map, to any length: its inverse transposed, times the size of its determinant. It
+/// is there for singular maps too.
+pub(super) fn cofactors(map: DMat3) -> DMat3 {
+    let DMat3 { x_axis: x, y_axis: y, z_axis: z } = map;
+    let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
+    if map.determinant() < 0.0 { -cofactors } else { cofactors }
+}
+
 /// Scale, then a linear map, as a rotation about x, y and z, then translation.
 ///
 /// Corners keep their order, so a scale with a negative product turns a mesh inside out: its
@@ -22,11 +30,20 @@ impl Transform {
 
     /// Any affine map.
     pub fn affine(map: DAffine3) -> Self {
-        let DMat3 { x_axis: x, y_axis: y, z_axis: z } = map.matrix3;
-        // The inverse transposed, times the determinant: it is there for singular maps too.
-        let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
-        let of_normals = if map.matrix3.determinant() < 0.0 { -cofactors } else { cofactors };
+        let of_normals = cofactors(map.matrix3);
         Self { scale: DVec3::ONE, linear: map.matrix3, of_normals, translation: map.translation }
+    }
+
+    /// This one after another.
+    pub fn after(&self, inner: &Self) -> Self {
+        let is_identity =
+            inner.scale == DVec3::ONE && inner.linear == DMat3::IDENTITY && inner.translation == DVec3::ZERO;
+        // What is not moved twice is not rounded twice.
+        if is_identity { *self } else { Self::affine(self.map() * inner.map()) }
+    }
+
+    fn map(&self) -> DAffine3 {
+        DAffine3 { matrix3: self.linear * DMat3::from_diagonal(self.scale), translation: self.translation }
     }
 
     /// `scale` has no zero in it; angles are in degrees.

@@ -8,6 +8,7 @@ mod not_tested;
 mod project;
 
 mod film_files;
+mod formats;
 mod mitsuba_files;
 mod ray_files;
 mod report_page;

@@ -1001,9 +1001,9 @@ fn colours_may_be_given_as_cie_xyz() {
 
 #[test]
 fn other_extensions_and_missing_files_are_refused() {
-    let folder = Folder::new(&[("a.gltf", "")]);
-    let error = folder.load("a.gltf").unwrap_err().to_string();
-    assert!(error.contains("a.gltf: neither .toml, .xml nor .obj"), "{error}");
+    let folder = Folder::new(&[("a.stl", "")]);
+    let error = folder.load("a.stl").unwrap_err().to_string();
+    assert!(error.contains("a.stl: neither .toml, .xml, .gltf, .glb, .obj nor .ply"), "{error}");
     let error = folder.load("b.toml").unwrap_err();
     assert_eq!(error.location.line, None);
     assert!(error.to_string().contains("b.toml: cannot read"), "{error}");

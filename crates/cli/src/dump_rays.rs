@@ -21,7 +21,7 @@ use super::{check_text_output, load_scene};
 /// docs/ray-dumps.md tells how to read the file.
 #[derive(Debug, clap::Args)]
 pub struct DumpRaysArguments {
-    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
+    /// Scene (.toml, .gltf, .glb, Mitsuba's .xml) or mesh (.obj, .ply); the built-in Cornell box without
     scene: Option<PathBuf>,
     /// Scattering events before the rays: 0 is the camera's, or the first surface's shadow rays
     #[arg(long, value_name = "B")]
@@ -73,7 +73,7 @@ pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
             ensure!(!is_same_file(path, other)?, "{}: two outputs name this file; name another", path.display());
         }
     }
-    let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
+    let scene = load_scene(arguments.scene.as_deref(), &arguments.picture.load.options(), arguments.quiet)?;
     let mut settings = arguments.picture.settings(&scene)?;
     // The megakernel has no queues to take rays from.
     settings.scheduler.get_or_insert(Scheduler::Wavefront);

@@ -20,7 +20,7 @@ use raywave_studies::lab;
 /// Tell what a scene holds, what a render of it needs, and what it leaves out
 #[derive(Debug, clap::Args)]
 pub struct InfoArguments {
-    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
+    /// Scene (.toml, .gltf, .glb, Mitsuba's .xml) or mesh (.obj, .ply); the built-in Cornell box without
     scene: Option<PathBuf>,
     /// The render that it would be.
     #[command(flatten)]
@@ -34,7 +34,7 @@ pub struct InfoArguments {
 }
 
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
-    let scene = load_scene(arguments.scene.as_deref(), false)?;
+    let scene = load_scene(arguments.scene.as_deref(), &arguments.picture.load.options(), false)?;
     let settings = arguments.picture.settings(&scene)?;
     let device = device(arguments)?;
     let defaults = device.as_ref().map_or(Defaults::GPU, |device| device.defaults);

@@ -5,6 +5,7 @@
 
 pub mod compare;
 mod compiled;
+mod convert;
 mod devices;
 pub mod diff;
 mod dump_rays;
@@ -31,7 +32,7 @@ use clap::{Parser, Subcommand};
 use picture::PictureArguments;
 use raywave::gpu::{Device, GpuError, Instance, Tools};
 use raywave::render::RenderError;
-use raywave::scene::Scene;
+use raywave::scene::{LoadOptions, Scene};
 use raywave_studies::lab::{Asked, ChildFailed, DeviceRenderer, StartUp, cache_folder};
 use raywave_studies::studies::{Provenance, Renderer};
 
@@ -49,6 +50,7 @@ enum Command {
     /// List the Vulkan devices and the one that a render would take
     Devices(devices::DevicesArguments),
     Info(info::InfoArguments),
+    Convert(convert::ConvertArguments),
     Diff(diff::DiffArguments),
     Compare(Box<compare::CompareArguments>),
     Tradeoff(Box<tradeoff::TradeoffArguments>),
@@ -95,6 +97,7 @@ pub fn main() -> ExitCode {
         Command::Render(arguments) => render::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
+        Command::Convert(arguments) => convert::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments, |arguments| {
             renderer(&arguments.picture, arguments.start_ups, arguments.quiet, arguments.clocks.clone())
@@ -174,6 +177,7 @@ fn renderer(
     let start_up = if start_ups > 0 { Some(StartUp::new(picture.device(), start_ups)?) } else { None };
     let of_scene = picture.clone();
     let asked = Asked {
+        load: picture.load.options(),
         settings: Box::new(move |scene| of_scene.settings(scene)),
         tuned: picture.tuned(),
         start_up,
@@ -198,10 +202,58 @@ fn at_least_one(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&number| number > 0).ok_or_else(|| "it is not a whole number from 1 on".to_owned())
 }
 
+/// Arguments that say how a scene is loaded.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct LoadArguments {
+    /// Camera of a glTF file to look through, by its name or that of its node; the first without
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+    /// Which way is up in a scene without a camera: X, Y, Z, or a vector
+    #[arg(long, value_name = "X|Y|Z|x,y,z", value_parser = direction, allow_hyphen_values = true)]
+    up: Option<Direction>,
+    /// Read files that a scene names outside of its folder too
+    #[arg(long)]
+    allow_outside: bool,
+    /// Leave out what a scene requires and raywave lacks, with a warning, where it is an error without
+    #[arg(long)]
+    lenient: bool,
+}
+
+impl LoadArguments {
+    fn options(&self) -> LoadOptions {
+        LoadOptions {
+            camera: self.camera.clone(),
+            up: self.up.map(|Direction(vector)| vector),
+            allow_outside: self.allow_outside,
+            lenient: self.lenient,
+        }
+    }
+}
+
+/// A direction of any length.
+#[derive(Debug, Clone, Copy)]
+struct Direction([f64; 3]);
+
+/// Reads an axis or a vector.
+fn direction(text: &str) -> Result<Direction, String> {
+    let vector = match text {
+        "X" | "x" => [1.0, 0.0, 0.0],
+        "Y" | "y" => [0.0, 1.0, 0.0],
+        "Z" | "z" => [0.0, 0.0, 1.0],
+        _ => {
+            let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+            let vector = numbers.ok().and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+            vector.ok_or("it is neither X, Y or Z nor three numbers with commas")?
+        }
+    };
+    let is_direction = vector.iter().all(|number: &f64| number.is_finite()) && vector != [0.0; 3];
+    if is_direction { Ok(Direction(vector)) } else { Err("it has no direction".to_owned()) }
+}
+
 /// The scene of that path, or the built-in Cornell box. Its warnings go to stderr unless quiet.
-fn load_scene(path: Option<&Path>, quiet: bool) -> anyhow::Result<Scene> {
+fn load_scene(path: Option<&Path>, options: &LoadOptions, quiet: bool) -> anyhow::Result<Scene> {
     let scene = match path {
-        Some(path) => Scene::load(path)?,
+        Some(path) => Scene::load_with(path, options)?,
         None => Scene::cornell_box(),
     };
     let mut warn = warn_unless(quiet);

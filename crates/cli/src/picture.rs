@@ -3,7 +3,7 @@
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 
-use super::open_device;
+use super::{LoadArguments, open_device};
 use raywave::gpu::Device;
 use raywave::scene::Scene;
 use raywave::settings::{Name, Named, Quality, SETTINGS, Setting, Settings, Value, Values};
@@ -13,6 +13,9 @@ use raywave::settings::{Name, Named, Quality, SETTINGS, Setting, Settings, Value
 pub struct PictureArguments {
     #[command(flatten)]
     given: GivenSettings,
+    /// How the scene is loaded.
+    #[command(flatten)]
+    pub load: LoadArguments,
     /// Settings from a measured front of error against time, where the command line does not say
     #[arg(long, value_name = "NAME", value_parser = one_of::<Quality>())]
     quality: Option<Quality>,

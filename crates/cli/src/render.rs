@@ -36,7 +36,7 @@ use super::{
 /// Render a scene to an image
 #[derive(Debug, clap::Args)]
 pub struct RenderArguments {
-    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
+    /// Scene (.toml, .gltf, .glb, Mitsuba's .xml) or mesh (.obj, .ply); the built-in Cornell box without
     scene: Option<PathBuf>,
     /// Image to write: .png (sRGB), .exr (linear, with metadata) or .hdr (linear)
     #[arg(short, long, value_name = "FILE")]
@@ -86,7 +86,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let stages = if arguments.trace.is_some() { Stages::kept() } else { Stages::default() };
     let tools = Tools { labels: arguments.labels, stages: stages.clone(), ..Tools::default() };
     let loading = stages.begin("load scene");
-    let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
+    let scene = load_scene(arguments.scene.as_deref(), &arguments.picture.load.options(), arguments.quiet)?;
     drop(loading);
     let settings = arguments.picture.settings(&scene)?;
     let mut device = open_device_with(arguments.picture.device(), tools.clone())?;

@@ -19,7 +19,7 @@ use raywave_studies::stats::{CONFIDENCE, Estimate, Interval, TOO_FEW_ROUNDS};
 use super::dump_rays::{class_name, ray_scene};
 use super::picture::one_of;
 use super::render::is_same_file;
-use super::{check_text_output, load_scene, open_device, print, write_text};
+use super::{LoadArguments, check_text_output, load_scene, open_device, print, write_text};
 
 /// Run dumped rays through a traversal kernel alone and tell its speed
 ///
@@ -30,6 +30,8 @@ use super::{check_text_output, load_scene, open_device, print, write_text};
 pub struct ReplayArguments {
     /// Scene that the rays were dumped from; the built-in Cornell box without
     scene: Option<PathBuf>,
+    #[command(flatten)]
+    load: LoadArguments,
     /// File that `raywave dump-rays` wrote
     file: PathBuf,
     /// Timed rounds; each traces all rays
@@ -62,7 +64,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     if let Some(path) = &arguments.json {
         check_text_output(path)?;
     }
-    let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
+    let scene = load_scene(arguments.scene.as_deref(), &arguments.load.options(), arguments.quiet)?;
     let settings = Settings {
         workgroup_size: arguments.workgroup,
         in_flight: arguments.in_flight,

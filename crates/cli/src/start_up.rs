@@ -21,7 +21,7 @@ use raywave_studies::stats::{CONFIDENCE, Estimate};
 /// cache of compiled kernels and with the caches that another process has filled.
 #[derive(Debug, clap::Args)]
 pub struct StartUpArguments {
-    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
+    /// Scene (.toml, .gltf, .glb, Mitsuba's .xml) or mesh (.obj, .ply); the built-in Cornell box without
     scene: Option<PathBuf>,
     #[command(flatten)]
     picture: PictureArguments,
@@ -43,9 +43,9 @@ pub struct FirstSampleArguments {
 
 pub fn run_command(arguments: &StartUpArguments) -> anyhow::Result<()> {
     // What is wrong with the arguments is said once, before anything is started.
-    let scene = load_scene(arguments.scene.as_deref(), false)?;
+    let scene = load_scene(arguments.scene.as_deref(), &arguments.picture.load.options(), false)?;
     let settings = arguments.picture.settings(&scene)?;
-    let mut first = FirstSample { settings, tuned: None };
+    let mut first = FirstSample { settings, tuned: None, load: arguments.picture.load.options() };
     if arguments.picture.tuned() {
         let device = arguments.picture.open_device()?;
         first.tuned = Tuning::of_scene(device.description(), &scene, &mut warn_unless(false)).chosen();
@@ -104,6 +104,6 @@ pub fn run_command(arguments: &StartUpArguments) -> anyhow::Result<()> {
 pub fn first_sample(arguments: &FirstSampleArguments) -> anyhow::Result<()> {
     let first: FirstSample = serde_json::from_reader(std::io::stdin().lock()).context("no settings on stdin")?;
     first.settings.validate()?;
-    let scene = load_scene(arguments.scene.as_deref(), true)?;
+    let scene = load_scene(arguments.scene.as_deref(), &first.load, true)?;
     print(&first_sample_of(&scene, &first, &open_device(arguments.device.as_deref())?)?)
 }

@@ -26,7 +26,7 @@ use raywave_studies::studies::{Provenance, Renderer};
 /// rounds of random order and by other random numbers each; tells bias from variance, and the Pareto front.
 #[derive(Debug, Clone, clap::Args)]
 pub struct TradeoffArguments {
-    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
+    /// Scene (.toml, .gltf, .glb, Mitsuba's .xml) or mesh (.obj, .ply); the built-in Cornell box without
     #[arg(value_name = "SCENE")]
     pub scene: Option<String>,
     /// Rendering time that it may take, such as 90s, 10m or 1h; building kernels and writing files come on top

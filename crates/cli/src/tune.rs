@@ -23,7 +23,7 @@ use raywave_studies::stats::{CONFIDENCE, Estimate, FEWEST_ROUNDS, TOO_FEW_ROUNDS
 /// their share of the scene's rays. The default stays where nothing is surely faster.
 #[derive(Debug, clap::Args)]
 pub struct TuneArguments {
-    /// Scene file (.toml, or .xml of Mitsuba 3) or mesh (.obj); the built-in Cornell box without
+    /// Scene (.toml, .gltf, .glb, Mitsuba's .xml) or mesh (.obj, .ply); the built-in Cornell box without
     scene: Option<PathBuf>,
     #[command(flatten)]
     picture: PictureArguments,
@@ -39,7 +39,7 @@ pub struct TuneArguments {
 }
 
 pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
-    let scene = load_scene(arguments.scene.as_deref(), arguments.quiet)?;
+    let scene = load_scene(arguments.scene.as_deref(), &arguments.picture.load.options(), arguments.quiet)?;
     let settings = arguments.picture.settings(&scene)?;
     let given = [
         ("--bvh", settings.bvh.is_some()),

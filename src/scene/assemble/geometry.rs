@@ -1,6 +1,9 @@
 //! Instances to triangles in the world, and which triangles are worth keeping.
 
+use std::mem;
+
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::materials::Materials;
 use crate::scene::{
@@ -13,35 +16,55 @@ use crate::scene::{
 impl Mesh {
     /// Adds the triangles of `imported` that have an area, once for each transform. Returns how many
     /// were left out because they have none. Texture coordinates come along where a material has an image.
-    pub(super) fn add_instances<'a>(
+    pub(super) fn add_instances(
         &mut self,
-        imported: &import::Mesh,
-        instances: impl Iterator<Item = &'a Instance>,
+        mut imported: import::Mesh,
+        instances: &[Instance],
         materials: &mut Materials,
         sources: &mut Sources,
     ) -> Result<usize, SceneError> {
-        let material_of = |triangle: &Triangle| {
-            let has_uvs = triangle.uvs[0] != NONE;
-            materials.index(triangle.material, has_uvs, &imported.location, sources)
-        };
-        let triangle_materials: Vec<u32> = imported.triangles.iter().map(material_of).collect::<Result<_, _>>()?;
+        // Of each described material, without texture coordinates and with them: what was made of it, and whether it needs them.
+        let mut made: Vec<[Option<(u32, bool)>; 2]> = Vec::new();
+        for triangle in &imported.triangles {
+            let (described, has_uvs) = (triangle.material as usize, triangle.uvs[0] != NONE);
+            made.resize(made.len().max(described + 1), [None; 2]);
+            let made = &mut made[described][usize::from(has_uvs)];
+            if made.is_none() {
+                let material = materials.index(triangle.material, has_uvs, &imported.location, sources)?;
+                *made = Some((material, has_uvs && materials.needs_coordinates(material)));
+            }
+        }
+
+        // Before memory is taken for so many.
+        let with = |known: usize, own: usize| own.checked_mul(instances.len()).and_then(|own| own.checked_add(known));
+        let counts = [
+            with(self.positions.len(), imported.positions.len()),
+            with(self.normals.len(), imported.normals.len()),
+            with(self.triangles.len(), imported.triangles.len()),
+            self.uvs.len().checked_add(imported.uvs.len()),
+        ];
+        if counts.iter().any(|count| count.is_none_or(|count| count >= NONE as usize)) {
+            let problem = "more vertices or triangles than 32-bit indices reach; use smaller meshes";
+            return Err(imported.location.refuse(problem));
+        }
 
         // Texture coordinates are the same for all instances.
         let first_uv = self.uvs.len();
-        if triangle_materials.iter().any(|&material| materials.needs_coordinates(material)) {
+        if made.iter().flatten().flatten().any(|(_, needs_uvs)| *needs_uvs) {
             self.uvs.extend(&imported.uvs);
         }
         let mut without_area = 0;
-        for Instance { transform, is_mirrored, .. } in instances {
+        let count = imported.triangles.len();
+        let mut rest = instances;
+        while let [Instance { transform, is_mirrored, .. }, others @ ..] = rest {
+            rest = others;
             let first_position = self.positions.len();
-            for &point in &imported.positions {
-                let point = transform.point(point);
-                // Written so that NaN is too far as well.
-                if !point.abs().cmple(DVec3::splat(FARTHEST)).all() {
-                    let problem = format!("a vertex lands beyond {FARTHEST:e}; scale the mesh down");
-                    return Err(imported.location.refuse(problem));
-                }
-                self.positions.push(point);
+            self.positions.par_extend(imported.positions.par_iter().map(|point| transform.point(*point)));
+            // Written so that NaN is too far as well.
+            let is_near = |point: &DVec3| point.abs().cmple(DVec3::splat(FARTHEST)).all();
+            if !self.positions[first_position..].par_iter().all(is_near) {
+                let problem = format!("a vertex lands beyond {FARTHEST:e}; scale the mesh down");
+                return Err(imported.location.refuse(problem));
             }
             // The new index of each normal, NONE where it is no direction.
             let mut normals = Vec::with_capacity(imported.normals.len());
@@ -50,20 +73,16 @@ impl Mesh {
                 normals.push(normal.map_or(NONE, |_| self.normals.len() as u32));
                 self.normals.extend(normal);
             }
-            let triangles = self.triangles.len() + imported.triangles.len();
-            let counts = [self.positions.len(), self.normals.len(), self.uvs.len(), triangles];
-            if counts.iter().any(|&count| count >= NONE as usize) {
-                let problem = "more vertices or triangles than 32-bit indices reach; use smaller meshes";
-                return Err(imported.location.refuse(problem));
-            }
-
-            for (triangle, &material) in imported.triangles.iter().zip(&triangle_materials) {
+            let placed = &self.positions[first_position..];
+            let has_area = |triangle: &Triangle| {
+                let [a, b, c] = triangle.positions.map(|index| placed[index as usize]);
+                !is_degenerate(a, b, c)
+            };
+            let have_area: Vec<bool> = imported.triangles.par_iter().map(has_area).collect();
+            let place = |triangle: &Triangle| {
+                let (material, needs_uvs) =
+                    made[triangle.material as usize][usize::from(triangle.uvs[0] != NONE)].unwrap_or_default();
                 let positions = triangle.positions.map(|index| first_position as u32 + index);
-                let [a, b, c] = positions.map(|index| self.positions[index as usize]);
-                if is_degenerate(a, b, c) {
-                    without_area += 1;
-                    continue;
-                }
                 let mut placed = Triangle { positions, normals: [NONE; 3], uvs: [NONE; 3], material };
                 if triangle.normals[0] != NONE {
                     let corners = triangle.normals.map(|index| normals[index as usize]);
@@ -71,7 +90,7 @@ impl Mesh {
                         placed.normals = corners;
                     }
                 }
-                if materials.needs_coordinates(material) && triangle.uvs[0] != NONE {
+                if needs_uvs {
                     placed.uvs = triangle.uvs.map(|index| first_uv as u32 + index);
                 }
                 if *is_mirrored {
@@ -79,7 +98,18 @@ impl Mesh {
                     placed.normals.swap(1, 2);
                     placed.uvs.swap(1, 2);
                 }
-                self.triangles.push(placed);
+                placed
+            };
+            // The last instance has the triangles themselves: of large meshes there is mostly one.
+            let is_last = rest.is_empty();
+            let mut triangles = if is_last { mem::take(&mut imported.triangles) } else { imported.triangles.clone() };
+            triangles.par_iter_mut().for_each(|triangle| *triangle = place(triangle));
+            let mut have_area = have_area.into_iter();
+            triangles.retain(|_| have_area.next().unwrap_or_default());
+            without_area += count - triangles.len();
+            match self.triangles.is_empty() {
+                true => self.triangles = triangles,
+                false => self.triangles.append(&mut triangles),
             }
         }
         Ok(without_area)

@@ -12,7 +12,7 @@ use crate::scene::{
     Lookup, Material, Parameter, Surface, Texture, Wrap,
     error::{Location, SceneError},
     import::{self, ImageFile, ImageSource, LUMINANCE, Map, Response},
-    sources::{Sources, Warning},
+    sources::{OUTSIDE, Sources, Warning},
     text::{excerpt, one_line},
 };
 
@@ -121,10 +121,14 @@ impl Materials {
         if !is_there {
             const KIND: &str = "no such image";
             let name = one_line(&path.to_string_lossy());
-            // Only the first is shown, and a folder is long to read.
-            let other = if sources.has_noted(KIND) { None } else { sources.in_another_case(path) };
-            let other = other.map_or_else(String::new, |other| format!("; there is `{other}`"));
-            let text = format!("there is no image `{name}`; the constant is shown{other}");
+            let text = if sources.is_outside(path) {
+                format!("image `{name}` {OUTSIDE}; the constant is shown")
+            } else {
+                // Only the first is shown, and a folder is long to read.
+                let other = if sources.has_noted(KIND) { None } else { sources.in_another_case(path) };
+                let other = other.map_or_else(String::new, |other| format!("; there is `{other}`"));
+                format!("there is no image `{name}`; the constant is shown{other}")
+            };
             sources.note(&Warning { kind: KIND, location: location.clone(), text });
         }
         is_there
@@ -210,7 +214,12 @@ impl Materials {
                 Some(channel) => Vec3::splat(rgba[channel]),
                 None => Vec3::from_slice(rgba),
             };
-            let values = (colour * map.factor).to_array().map(|value| map.response.of(value).min(most));
+            // The coordinates of a normal lie in [-1, 1].
+            let product = match parameter {
+                Parameter::Normal => 0.5 + 0.5 * (2.0 * colour - 1.0) * map.factor,
+                _ => colour * map.factor,
+            };
+            let values = product.to_array().map(|value| map.response.of(value).min(most));
             let [r, g, b] = values.map(|value| f16::from_f32(value * scale));
             [r, g, b, f16::ONE]
         };

@@ -6,7 +6,7 @@ mod materials;
 
 use std::path::Path;
 
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 
 use self::materials::Materials;
 use super::{
@@ -36,7 +36,7 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
         if own.is_empty() {
             continue;
         }
-        without_area += mesh.add_instances(&imported, own.iter(), &mut materials, &mut sources)?;
+        without_area += mesh.add_instances(imported, own, &mut materials, &mut sources)?;
     }
     if mesh.triangles.is_empty() {
         return Err(location.refuse("no triangle has an area; check scale and the mesh"));
@@ -55,10 +55,18 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
     } else if is_dark {
         sources.warn(format!("{location}: nothing emits light; add a material with Ke or an [environment]"));
     }
+    let up = sources.options.up.map(DVec3::from);
+    if up.is_some() && camera.is_some() {
+        sources.warn(format!("{location}: its camera says which way is up; --up is for scenes without one"));
+    }
+    let up = up.unwrap_or(DVec3::Y).normalize();
+    if !up.is_finite() {
+        return Err(location.refuse("up has no direction; give one other than 0"));
+    }
     let (hash, warnings) = sources.finish();
     Ok(Scene {
         name: one_line(&path.file_stem().unwrap_or_default().to_string_lossy()),
-        camera: camera.unwrap_or_else(|| Camera::framing(mesh.bounds())),
+        camera: camera.unwrap_or_else(|| Camera::framing(mesh.bounds(), up)),
         settings,
         mesh,
         materials,
@@ -155,17 +163,20 @@ fn decoded(file: &ImageFile, encoding: Encoding, sources: &mut Sources) -> Resul
 }
 
 impl Camera {
-    /// A camera that sees the whole of a box, along -z and a little from above.
-    fn framing((low, high): (DVec3, DVec3)) -> Self {
+    /// A camera that sees the whole of a box, along -z and a little from above where +y is up, which is a unit vector.
+    fn framing((low, high): (DVec3, DVec3), up: DVec3) -> Self {
         const VFOV: f64 = 45.0;
         const MARGIN: f64 = 1.05;
         let centre = 0.5 * (low + high);
         let radius = 0.5 * low.distance(high);
         let distance = MARGIN * radius / libm::sin((0.5 * VFOV).to_radians());
+        let towards = DVec3::new(0.0, 0.25, 1.0).normalize();
+        // The same view to the last bit where nothing turns.
+        let towards = if up == DVec3::Y { towards } else { DQuat::from_rotation_arc(DVec3::Y, up) * towards };
         Self {
-            eye: centre + distance * DVec3::new(0.0, 0.25, 1.0).normalize(),
+            eye: centre + distance * towards,
             target: centre,
-            up: DVec3::Y,
+            up,
             vfov: VFOV,
             orthographic: None,
             aperture: 0.0,

@@ -1,7 +1,7 @@
 //! The scene file: TOML that names meshes, places them, and gives camera, light and settings.
 
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::BTreeMap,
     ops::Range,
     path::{Path, PathBuf},
     str::FromStr,
@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3, Vec3};
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{Environment, FARTHEST, ImageFile, Import, Instance, mtl::Definition, obj};
+use super::{Environment, FARTHEST, ImageFile, Import, Instance, MeshFiles, mtl::Definition};
 use crate::scene::{
     Camera,
     error::{Location, SceneError},
@@ -31,16 +31,12 @@ pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, Scene
     })?;
     let Document { camera, settings, meshes, overrides, environment } = read(path, &text)?;
     let mut import = Import { camera: Some(camera), settings, environment, ..Import::default() };
-    let mut importer = obj::Importer::default();
-    // Each file is read once however often it is placed.
-    let mut known: HashMap<PathBuf, usize> = HashMap::new();
+    let mut files = MeshFiles::default();
     for MeshEntry { path, location, transform } in meshes {
-        let mesh = match known.get(&path) {
-            Some(&mesh) => mesh,
-            None => importer.add(&path, &location, sources, &mut import)?,
-        };
-        known.insert(path, mesh);
-        import.instances.push(Instance { mesh, transform, is_mirrored: false });
+        let placed = files.add(&path, &location, sources, &mut import)?.iter();
+        let place = |part: &Instance| Instance { transform: transform.after(&part.transform), ..*part };
+        let placed: Vec<Instance> = placed.map(place).collect();
+        import.instances.extend(placed);
     }
     for Override { name, definition } in overrides {
         let mut is_used = false;
@@ -191,7 +187,7 @@ fn read(path: &Path, text: &str) -> Result<Document, SceneError> {
         }
     };
     if raw.mesh.is_empty() {
-        let problem = "no [[mesh]]; add one that names an OBJ file";
+        let problem = "no [[mesh]]; add one that names a mesh";
         return Err(reader.refuse_file(problem.into()));
     }
     Ok(Document {

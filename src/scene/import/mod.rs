@@ -5,9 +5,12 @@
 //! is [`assemble`](super::assemble)'s: it decodes images, checks energies, places meshes in the world.
 
 mod document;
+mod gltf;
 mod mitsuba;
 mod mtl;
 mod obj;
+mod ply;
+mod polygons;
 
 use std::{
     collections::HashMap,
@@ -64,7 +67,7 @@ pub(super) struct Mesh {
 }
 
 /// A mesh, by its index in [`Import::meshes`], in its place in the world.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Instance {
     pub mesh: usize,
     pub transform: Transform,
@@ -104,7 +107,7 @@ pub(super) struct Map {
     pub is_raw: bool,
     /// The channel that gives a number, 0 to 3 or [`LUMINANCE`]; means nothing of a colour.
     pub channel: usize,
-    /// What the texels are multiplied by.
+    /// What the texels are multiplied by; of a normal its coordinates, once they are in [-1, 1].
     pub factor: Vec3,
     /// What is made of the product.
     pub response: Response,
@@ -274,20 +277,67 @@ impl Images {
     }
 }
 
+/// A channel of a colour as near to it as one can be: at least 0, and finite.
+fn light(channel: f32) -> f32 {
+    if channel.is_nan() { 0.0 } else { channel.clamp(0.0, f32::MAX) }
+}
+
+/// Importers of the files of one scene that hold meshes and perhaps more.
+#[derive(Debug, Default)]
+struct MeshFiles {
+    obj: obj::Importer,
+    /// What is in each file.
+    known: HashMap<PathBuf, Vec<Instance>>,
+}
+
+impl MeshFiles {
+    /// Adds the meshes of a file, once however often it is asked for, and what they need. Returns where they are in it.
+    fn add(
+        &mut self,
+        path: &Path,
+        named_at: &Location,
+        sources: &mut Sources,
+        import: &mut Import,
+    ) -> Result<&[Instance], SceneError> {
+        if !self.known.contains_key(path) {
+            let whole = |mesh| vec![Instance { mesh, transform: Transform::IDENTITY, is_mirrored: false }];
+            let instances = match extension(path).as_str() {
+                "ply" => whole(ply::add(path, named_at, sources, import)?),
+                "gltf" | "glb" => {
+                    let contents = gltf::read(path, named_at, sources, import)?;
+                    contents.note_rest(path, sources);
+                    contents.instances
+                }
+                _ => whole(self.obj.add(path, named_at, sources, import)?),
+            };
+            self.known.insert(path.to_path_buf(), instances);
+        }
+        Ok(&self.known[path])
+    }
+}
+
+/// The extension of a file's name in small letters.
+fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
+}
+
 /// Imports a file by the importer that the extension of its name stands for.
 pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, SceneError> {
     let location = Location::file(path);
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    match extension.to_str() {
-        Some("toml") => document::import(path, sources),
-        Some("xml") => mitsuba::import(path, sources),
-        Some("obj") => {
+    let extension = extension(path);
+    if sources.options.camera.is_some() && !["gltf", "glb"].contains(&&*extension) {
+        return Err(location.refuse("its cameras have no names; leave out --camera"));
+    }
+    match &*extension {
+        "toml" => document::import(path, sources),
+        "xml" => mitsuba::import(path, sources),
+        "gltf" | "glb" => gltf::import(path, sources),
+        "obj" | "ply" => {
             let mut import = Import::default();
-            let mesh = obj::Importer::default().add(path, &location, sources, &mut import)?;
-            import.instances.push(Instance { mesh, transform: Transform::IDENTITY, is_mirrored: false });
-            Ok(import)
+            let instances = MeshFiles::default().add(path, &location, sources, &mut import)?.to_vec();
+            Ok(Import { instances, ..import })
         }
-        _ => Err(location.refuse("neither .toml, .xml nor .obj; name a scene file or a mesh")),
+        _ => Err(location.refuse("neither .toml, .xml, .gltf, .glb, .obj nor .ply; name a scene file or a mesh")),
     }
 }
 

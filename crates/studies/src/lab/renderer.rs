@@ -25,7 +25,7 @@ use raywave::layout::WorkCount;
 use raywave::render::{
     Defaults, PrepareError, PreparedScene, RenderError, Session, SessionOptions, Statistics, WarmUp, Warmth,
 };
-use raywave::scene::Scene;
+use raywave::scene::{LoadOptions, Scene};
 use raywave::settings::{PathState, Scheduler, Settings, ShadowRays, Sort};
 
 /// The settings of a scene, before a configuration changes them.
@@ -33,6 +33,8 @@ pub type SettingsOf = dyn Fn(&Scene) -> anyhow::Result<Settings>;
 
 /// What a study's renders are to be.
 pub struct Asked {
+    /// How each scene is loaded.
+    pub load: LoadOptions,
     /// The settings of each scene.
     pub settings: Box<SettingsOf>,
     /// Whether a tuning stands in for what the settings leave open.
@@ -141,7 +143,10 @@ impl DeviceRenderer {
     fn open_scene(&mut self, path: &str) -> anyhow::Result<SceneFacts> {
         self.sessions.clear();
         let path = (!path.is_empty()).then(|| PathBuf::from(path));
-        let scene = path.as_deref().map_or_else(|| Ok(Scene::cornell_box()), Scene::load)?;
+        let scene = match path.as_deref() {
+            Some(path) => Scene::load_with(path, &self.asked.load)?,
+            None => Scene::cornell_box(),
+        };
         scene.warnings.iter().for_each(|warning| (self.asked.warn)(warning));
         let settings = (self.asked.settings)(&scene)?;
         let (name, hash) = (scene.name.clone(), scene.hash.clone());
@@ -245,7 +250,7 @@ impl DeviceRenderer {
     fn start_up(&mut self, settings: &Settings, measured: &mut Measurement) {
         let Some(start_up) = &self.asked.start_up else { return };
         let Some(scene) = &self.scene else { return };
-        let first = FirstSample { settings: *settings, tuned: scene.defaults.tuned };
+        let first = FirstSample { settings: *settings, tuned: scene.defaults.tuned, load: self.asked.load.clone() };
         match start_up.measure(scene.path.as_deref(), &first) {
             Ok(start_ups) => {
                 let Contrast { cold, cached } = start_ups.seconds();

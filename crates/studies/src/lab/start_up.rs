@@ -18,7 +18,7 @@ use super::record::record;
 use crate::stats::Estimate;
 use raywave::gpu::Device;
 use raywave::render::{Defaults, PreparedScene, Session, SessionOptions, Tuned};
-use raywave::scene::Scene;
+use raywave::scene::{LoadOptions, Scene};
 use raywave::settings::Settings;
 
 /// A process that did not get to its first sample.
@@ -72,12 +72,14 @@ pub struct Contrast {
 }
 
 /// What such a process renders a sample of.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct FirstSample {
     /// As they were asked for.
     pub settings: Settings,
     /// What a tuning chose for what they leave open.
     pub tuned: Option<Tuned>,
+    /// How the scene is loaded.
+    pub load: LoadOptions,
 }
 
 /// How start-up is measured: by processes that render one sample of a scene.
