@@ -101,6 +101,10 @@ shared_constants! {
     SURFACE_BLEND = 13;
     /// One material for each side.
     SURFACE_SIDES = 14;
+    /// Bit of a material's details: what is reflected inside a coat shifts the colour of its base.
+    DETAIL_NONLINEAR = 1;
+    /// Bit of them: microfacets are of Beckmann's distribution, and not GGX.
+    DETAIL_BECKMANN = 2;
     /// Places of images among those of a material: of `ks`.
     MAP_KS = 0;
     /// Of the microfacets' width along the tangent.
@@ -259,6 +263,8 @@ specialization_constants! {
     has_blends: bool = true;
     /// Whether some material is turned by the direction of its texture coordinates.
     has_anisotropy: bool = true;
+    /// Whether the microfacets of some material are of Beckmann's distribution.
+    has_beckmann: bool = true;
     /// Whether some material makes up for light that its microfacets scatter more than once.
     has_compensation: bool = true;
     /// Whether some material has a texture of diffuse reflectance.
@@ -277,6 +283,8 @@ specialization_constants! {
     has_turned_environment: bool = true;
     /// Whether the camera is orthographic.
     has_orthographic: bool = true;
+    /// Whether pixels gather light by a Gaussian, and not in a box.
+    gaussian_filter: bool = false;
     /// Whether some triangle has shading normals.
     has_normals: bool = true;
     /// Whether the camera has a lens.

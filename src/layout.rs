@@ -150,8 +150,8 @@ pub struct MaterialDetail {
     pub first: u32,
     /// Index of its second part, or of the back.
     pub second: u32,
-    /// Whether what is reflected inside a coat shifts the colour of its base: 1 or 0.
-    pub nonlinear: u32,
+    /// Bits of `DETAIL_*`.
+    pub flags: u32,
     /// Share of diffuse light that the inside of a coat reflects.
     pub inner_reflectance: f32,
     /// Mean of the reflectance at the microfacets, weighted by the cosine.

@@ -10,6 +10,7 @@
 #include "bsdf/plastic.glsl"
 #include "bsdf/rough_dielectric.glsl"
 #include "bsdf/thin_dielectric.glsl"
+#include "normal_map.glsl"
 
 // The order in which kinds are asked for. Whether kernels have code for any that come after each:
 const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
@@ -67,6 +68,9 @@ BsdfSample sample_bsdf(Material m, Surface surface, vec3 wo, float choice, vec2 
     } else {
         drawn = sample_dielectric(m, surface, wo, choice);
     }
+    if (HAS_NORMAL_TEXTURES) {
+        drawn.weight *= bump_shadowing(surface, drawn.direction);
+    }
     return drawn;
 }
 
@@ -85,6 +89,9 @@ BsdfValue evaluate_bsdf(Material m, Surface surface, vec3 wo, vec3 wi) {
         value = evaluate_rough_plastic(m, surface, wo, wi);
     } else if (IS(METAL_ROUGH)) {
         value = evaluate_metal_rough(m, surface, wo, wi);
+    }
+    if (HAS_NORMAL_TEXTURES) {
+        value.f_cos *= bump_shadowing(surface, wi);
     }
     return value;
 }

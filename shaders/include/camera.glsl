@@ -1,12 +1,24 @@
-// The camera: a uniform point of the pixel (box filter), through a pinhole or a thin lens, or straight on.
+// The camera: a point of the pixel by its filter, through a pinhole or a thin lens, or straight on.
 #ifndef CAMERA_GLSL
 #define CAMERA_GLSL
 #include "geometry.glsl"
 #include "sampling.glsl"
 
+// Standard deviation of the Gaussian filter, in pixels.
+const float FILTER_DEVIATION = 0.5;
+
+// A point of the image by the filter of a pixel, from the pixel's upper left corner. (Ernst et al. 2006, Filter Importance
+// Sampling; Box and Muller 1958)
+vec2 sample_filter(vec2 u) {
+    if (GAUSSIAN_FILTER) {
+        return 0.5 + FILTER_DEVIATION * sqrt(-2.0 * log_of_rest(u.x)) * on_circle(u.y);
+    }
+    return u;
+}
+
 Ray camera_ray(uint pixel, vec4 u) {
     vec2 image_size = vec2(frame.width, frame.height);
-    vec2 position = (vec2(pixel % frame.width, pixel / frame.width) + u.xy) / image_size;
+    vec2 position = (vec2(pixel % frame.width, pixel / frame.width) + sample_filter(u.xy)) / image_size;
     vec3 across = (2.0 * position.x - 1.0) * frame.camera_right + (1.0 - 2.0 * position.y) * frame.camera_up;
     vec3 direction = frame.camera_forward + across;
     vec3 origin = frame.camera_eye;

@@ -36,6 +36,7 @@ struct Surface {
     vec3 position_error;    // bound of the rounding error of each coordinate
     vec3 geometric_normal;  // unit, out of the front side
     vec3 shading_normal;    // unit, on the same side
+    vec3 smooth_normal;     // the same before an image turns it
     vec2 uv;
     vec3 along_u;           // the change of position by the first texture coordinate, zero where there is none
     vec3 along_v;           // by the second
@@ -119,6 +120,7 @@ Surface surface_at(Hit hit) {
             surface.shading_normal = dot(n, surface.geometric_normal) < 0.0 ? -n : n;
         }
     }
+    surface.smooth_normal = surface.shading_normal;
     if (HAS_TEXTURES || HAS_DETAIL_TEXTURES || HAS_TANGENTS) {
         vec2 a = fetch_corner_uv(t.original, 0u);
         vec2 b = fetch_corner_uv(t.original, 1u);

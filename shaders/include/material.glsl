@@ -65,12 +65,17 @@ vec3 texture_at(uint header, vec2 uv) {
     return mix(top, bottom, four.at.y);
 }
 
-// How its first channel grows with both texture coordinates.
+// A height in two halves: the second has what rounding took from the first.
+float height_of(vec3 texel) { return texel.x + texel.y; }
+
+// How the height that an image gives grows with both texture coordinates.
 vec2 texture_slope(uint header, vec2 uv) {
     ivec2 size = image_size(header);
     FourTexels four = texels_at(header, size, uv);
-    vec2 across = vec2(four.top_right.x - four.top_left.x, four.bottom_right.x - four.bottom_left.x);
-    vec2 down = vec2(four.bottom_left.x - four.top_left.x, four.bottom_right.x - four.top_right.x);
+    vec2 left = vec2(height_of(four.top_left), height_of(four.bottom_left));
+    vec2 right = vec2(height_of(four.top_right), height_of(four.bottom_right));
+    vec2 across = right - left;
+    vec2 down = vec2(left.y - left.x, right.y - right.x);
     vec2 slope = vec2(mix(across.x, across.y, four.at.y), -mix(down.x, down.y, four.at.x)) * vec2(size);
     if (HAS_LOOKUPS) {
         vec2 origin = image_coordinates(header, vec2(0.0));

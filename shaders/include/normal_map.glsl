@@ -3,24 +3,16 @@
 #define NORMAL_MAP_GLSL
 #include "material.glsl"
 
-// A shading normal that a viewer can see: bent towards the geometric normal until the mirror direction of `wo` about it is
-// above the surface. Without that facets of a normal map are black from where they face away, or lit through. (The remedy
-// of Cycles, `ensure_valid_specular_reflection`, in the plane of both normals)
-vec3 valid_normal(vec3 n, vec3 geometric_normal, vec3 wo) {
-    // Mirror directions just above the surface, or as high as `wo` itself where it grazes.
-    float least = min(0.9 * dot(geometric_normal, wo), 0.01);
-    vec3 mirrored = reflect(-wo, n);
-    float height = dot(geometric_normal, mirrored);
-    if (height >= least) {
-        return n;
-    }
-    // The mirror direction is lifted to that height, and the normal lies between it and `wo`.
-    vec3 flat_part = mirrored - height * geometric_normal;
-    float len2 = dot(flat_part, flat_part);
-    vec3 lifted = flat_part * (sqrt(1.0 - least * least) / sqrt(max(len2, 1e-20))) + least * geometric_normal;
-    vec3 between = wo + lifted;
-    float between2 = dot(between, between);
-    return between2 > 1e-12 ? between / sqrt(between2) : geometric_normal;
+// Light that slopes of a turned normal block before it reaches the surface, where the slope itself would still be lit: without
+// it the terminator is hard. `wi` is the direction of the light. (Conty Estevez, Lecocq and Stein 2019, A Microfacet-Based
+// Shadowing Function to Solve the Bump Terminator Problem)
+float bump_shadowing(Surface surface, vec3 wi) {
+    float between = min(abs(dot(surface.smooth_normal, surface.shading_normal)), 1.0);
+    float tan2 = (1.0 - between * between) / max(between * between, 1e-6);
+    float alpha2 = clamp(0.125 * tan2, 0.0, 1.0);
+    float cos_i = clamp(abs(dot(surface.smooth_normal, wi)), 1e-6, 1.0);
+    float tan2_i = (1.0 - cos_i * cos_i) / (cos_i * cos_i);
+    return 2.0 / (1.0 + sqrt(1.0 + alpha2 * tan2_i));
 }
 
 // The surface with its shading normal turned by the images of its material, as `wo` sees it.
@@ -50,9 +42,11 @@ Surface with_normal_map(Surface surface, vec3 wo) {
     float turned2 = dot(turned, turned);
     bool is_turned = has_tangent && (map_normal != 0u || map_height != 0u) && turned2 > 1e-20;
     if (is_turned) {
-        float side = side_of(surface, wo);
         vec3 unit = turned / sqrt(turned2);
-        surface.shading_normal = side * valid_normal(side * unit, side * surface.geometric_normal, wo);
+        // A normal that faces away from the viewer leans the other way. (Schüssler et al. 2017, Microfacet-Based Normal
+        // Mapping for Robust Monte Carlo Path Tracing, on flipped normals)
+        bool faces_away = dot(unit, wo) * dot(n, wo) <= 0.0;
+        surface.shading_normal = faces_away ? 2.0 * dot(unit, n) * n - unit : unit;
     }
     return surface;
 }

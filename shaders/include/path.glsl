@@ -5,7 +5,6 @@
 #include "bsdf.glsl"
 #include "camera.glsl"
 #include "light.glsl"
-#include "normal_map.glsl"
 #include "random.glsl"
 #include "skippable_if.glsl"
 

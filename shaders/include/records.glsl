@@ -32,6 +32,7 @@ struct MaterialDetail {
     float metalness;          // share of metal
     float coat;               // share of the clear coat
     float coat_alpha;         // width of the distribution of its microfacets
+    bool beckmann;            // whether the distribution is Beckmann's, and not GGX
     bool nonlinear;           // whether what is reflected inside a coat shifts the colour of its base
     float inner_reflectance;  // share of diffuse light that the inside of a coat reflects
     vec3 mean_reflectance;    // at the microfacets, weighted by the cosine
@@ -62,7 +63,7 @@ MaterialDetail fetch_material_detail(uint index) {
     uvec2 f = fetch_material_details(place + 5u).zw;
     uvec4 g = fetch_material_details(place + 6u);
     return MaterialDetail(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(uvec2(a.w, b.w)), c.x, c.y, c.z,
-        f.x != 0u, uintBitsToFloat(f.y), uintBitsToFloat(g.xyz), g.w);
+        (f.x & DETAIL_BECKMANN) != 0u, (f.x & DETAIL_NONLINEAR) != 0u, uintBitsToFloat(f.y), uintBitsToFloat(g.xyz), g.w);
 }
 
 Material fetch_material(uint index) {

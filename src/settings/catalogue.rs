@@ -9,7 +9,7 @@ use std::str::FromStr;
 use serde_json::Map;
 
 use super::{
-    Fetch, Integrator, MAX_MATERIAL_BRANCHES, Name, Named, Numerics, Offsets, Packets, PathState, RouletteMode,
+    Fetch, Filter, Integrator, MAX_MATERIAL_BRANCHES, Name, Named, Numerics, Offsets, Packets, PathState, RouletteMode,
     Sampler, Scheduler, Settings, ShadowRays, Sort,
 };
 use crate::bvh::BvhKind;
@@ -489,6 +489,15 @@ pub static SETTINGS: &[Setting] = &[
     counted! {
         seed in 0..=u32::MAX,
         flag: "seed", key: "seed", placeholder: "SEED", help: "Seed of the random numbers", role: Role::Estimator,
+    },
+    chosen! {
+        filter: Filter,
+        flag: "filter",
+        key: "filter",
+        help: "How the light about a pixel makes its value",
+        meaning: "the filter of pixels",
+        role: Role::Workload,
+        levels: &["box", "gaussian"],
     },
     chosen! {
         path_state: PathState,

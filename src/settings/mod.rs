@@ -14,7 +14,8 @@ use thiserror::Error;
 
 pub use catalogue::{Knob, Role, SETTINGS, Setting, Value, Values, flags, parse_count, record};
 pub use names::{
-    Fetch, Integrator, Name, Named, Numerics, Offsets, PathState, RouletteMode, Sampler, Scheduler, ShadowRays, Sort,
+    Fetch, Filter, Integrator, Name, Named, Numerics, Offsets, PathState, RouletteMode, Sampler, Scheduler, ShadowRays,
+    Sort,
 };
 pub use packets::Packets;
 pub use quality::Quality;
@@ -74,6 +75,8 @@ pub struct Settings {
     pub roulette_from: u32,
     /// Where random numbers come from.
     pub sampler: Sampler,
+    /// How the light about a pixel makes its value.
+    pub filter: Filter,
     /// Most radiance, in any channel, that indirect light may bring by one vertex: light of two bounces
     /// and more. It takes fireflies away, and energy with them: the image is biased. `None` is unbiased.
     pub clamp: Option<f64>,
@@ -133,6 +136,7 @@ impl Default for Settings {
             roulette_mode: RouletteMode::Constant,
             roulette_from: 3,
             sampler: Sampler::Sobol,
+            filter: Filter::Box,
             clamp: None,
             seed: 0,
             scheduler: None,

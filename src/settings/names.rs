@@ -90,6 +90,14 @@ named! {
         F16,
     }
 
+    /// How the light about a pixel makes its value.
+    pub enum Filter {
+        /// All of it in the pixel's square, equally.
+        Box,
+        /// By a Gaussian about its centre, with a standard deviation of half a pixel, as Mitsuba's and pbrt's is.
+        Gaussian,
+    }
+
     /// How rays are kept from hitting the surface that they leave.
     pub enum Offsets {
         /// They begin as far off it as rounding can err there, and remember its triangle; a thin triangle at which one

@@ -26,7 +26,7 @@ BsdfValue evaluate_facets_of_metal(Material m, Microfacets facets, vec3 wi) {
 }
 
 BsdfValue evaluate_conductor(Material m, Surface surface, vec3 wo, vec3 wi) {
-    Microfacets facets = microfacets_of(surface, m.detail.alpha, wo);
+    Microfacets facets = microfacets_of(surface, m.detail, wo);
     vec3 local = to_facets(facets, wi);
     BsdfValue value = BsdfValue(vec3(0.0), 0.0);
     if (local.z > 0.0 && side_of(surface, wo) == side_of(surface, wi)) {
@@ -36,7 +36,7 @@ BsdfValue evaluate_conductor(Material m, Surface surface, vec3 wo, vec3 wi) {
 }
 
 BsdfSample sample_conductor(Material m, Surface surface, vec3 wo, float choice, vec2 u) {
-    Microfacets facets = microfacets_of(surface, m.detail.alpha, wo);
+    Microfacets facets = microfacets_of(surface, m.detail, wo);
     vec3 local = sample_reflection(facets, u);
     if (compensates(m.detail.table, facets.alpha)) {
         float alpha = table_alpha(facets.alpha);

@@ -31,7 +31,7 @@ float coat_reflectance(float cosine) { return schlick_reflectance(cosine, vec3(0
 
 MetalRough metal_rough_of(Material m, Surface surface, vec3 wo) {
     MetalRough mixture;
-    mixture.facets = microfacets_of(surface, m.detail.alpha, wo);
+    mixture.facets = microfacets_of(surface, m.detail, wo);
     float root = (m.ni - 1.0) / (m.ni + 1.0);
     mixture.of_body = min(m.ks * (root * root), vec3(1.0));
     mixture.at_normal = mix(mixture.of_body, m.kd, m.detail.metalness);

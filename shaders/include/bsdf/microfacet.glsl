@@ -1,5 +1,5 @@
-// Microfacets of the GGX distribution: rough surfaces whose facets are smooth. (Walter et al. 2007, Microfacet Models for
-// Refraction through Rough Surfaces; Trowbridge and Reitz 1975) Masking and shadowing are Smith's, each by itself.
+// Microfacets: rough surfaces whose facets are smooth, with normals of the GGX or the Beckmann distribution. (Walter et al.
+// 2007, Microfacet Models for Refraction through Rough Surfaces) Masking and shadowing are Smith's, each by itself.
 #ifndef MICROFACET_GLSL
 #define MICROFACET_GLSL
 #include "bsdf/fresnel.glsl"
@@ -13,6 +13,7 @@ struct Microfacets {
     vec3 normal;
     vec2 alpha;  // widths along the tangent and across it
     vec3 wo;     // in the frame, above the horizon
+    bool beckmann;
 };
 
 vec3 to_facets(Microfacets facets, vec3 direction) {
@@ -23,10 +24,11 @@ vec3 from_facets(Microfacets facets, vec3 direction) {
     return facets.tangent * direction.x + facets.bitangent * direction.y + facets.normal * direction.z;
 }
 
-Microfacets microfacets_of(Surface surface, vec2 alpha, vec3 wo) {
+Microfacets microfacets_of(Surface surface, MaterialDetail detail, vec3 wo) {
     Microfacets facets;
     facets.normal = mirroring_normal(surface, wo);
-    facets.alpha = alpha;
+    facets.alpha = detail.alpha;
+    facets.beckmann = HAS_BECKMANN && detail.beckmann;
     basis(facets.normal, facets.tangent, facets.bitangent);
     if (HAS_ANISOTROPY) {
         vec3 along = surface.along_u - dot(surface.along_u, facets.normal) * facets.normal;
@@ -44,16 +46,26 @@ Microfacets microfacets_of(Surface surface, vec2 alpha, vec3 wo) {
 float stretched_length(vec3 v, vec2 alpha) { return length(vec3(alpha * v.xy, v.z)); }
 
 // Density of facets with the normal m, over solid angle and projected area.
-float ggx(vec3 m, vec2 alpha) {
-    vec2 slope = m.xy / alpha;
+float facet_density(Microfacets facets, vec3 m) {
+    vec2 slope = m.xy / facets.alpha;
+    float area = facets.alpha.x * facets.alpha.y;
+    if (HAS_BECKMANN && facets.beckmann) {
+        float cos2 = m.z * m.z;
+        return exponential(-dot(slope, slope) / max(cos2, 1e-12)) * INVERSE_PI / (area * max(cos2 * cos2, 1e-12));
+    }
     float q = dot(slope, slope) + m.z * m.z;
-    return INVERSE_PI / (alpha.x * alpha.y * (q * q));
+    return INVERSE_PI / (area * (q * q));
 }
 
-// Share of the facets that a direction sees. (Smith 1967)
-float unmasked(vec3 v, vec2 alpha) {
+// Share of the facets that a direction sees. (Smith 1967; of Beckmann's the rational approximation of Walter et al.)
+float unmasked(Microfacets facets, vec3 v) {
     float cosine = abs(v.z);
-    return 2.0 * cosine / (cosine + stretched_length(v, alpha));
+    if (HAS_BECKMANN && facets.beckmann) {
+        float a = cosine / max(length(facets.alpha * v.xy), 1e-12);
+        float a2 = a * a;
+        return a < 1.6 ? (3.535 * a + 2.181 * a2) / (1.0 + 2.276 * a + 2.577 * a2) : 1.0;
+    }
+    return 2.0 * cosine / (cosine + stretched_length(v, facets.alpha));
 }
 
 // How far down the caps of visible normals reach which reflect upwards. (Eto and Tokuyoshi 2023, Bounded VNDF Sampling for
@@ -69,12 +81,28 @@ float cap_bound(vec3 wo, vec2 alpha) {
 // Pdf over solid angle of a reflected direction whose half vector is m.
 float reflection_pdf(Microfacets facets, vec3 m) {
     vec3 wo = facets.wo;
-    return ggx(m, facets.alpha) / (2.0 * (cap_bound(wo, facets.alpha) * wo.z + stretched_length(wo, facets.alpha)));
+    if (HAS_BECKMANN && facets.beckmann) {
+        return facet_density(facets, m) * m.z / (4.0 * max(dot(wo, m), 1e-12));
+    }
+    return facet_density(facets, m) / (2.0 * (cap_bound(wo, facets.alpha) * wo.z + stretched_length(wo, facets.alpha)));
+}
+
+// Pdf of a facet's normal m as `sample_visible_normal` draws it without a bound.
+float normal_pdf(Microfacets facets, vec3 m) {
+    vec3 wo = facets.wo;
+    if (HAS_BECKMANN && facets.beckmann) {
+        return facet_density(facets, m) * m.z;
+    }
+    return 2.0 * facet_density(facets, m) * max(dot(wo, m), 0.0) / (wo.z + stretched_length(wo, facets.alpha));
 }
 
 // A normal of the facets that `wo` sees, below none of the cap's `bound`. (Dupuy and Benyoub 2023, Sampling Visible GGX
-// Normals with Spherical Caps; a bound of 1 gives all)
+// Normals with Spherical Caps; a bound of 1 gives all) Of Beckmann's distribution it is any normal, seen or not.
 vec3 sample_visible_normal(Microfacets facets, float bound, vec2 u) {
+    if (HAS_BECKMANN && facets.beckmann) {
+        vec2 slope = sqrt(-log_of_rest(u.x)) * facets.alpha * on_circle(u.y);
+        return normalize(vec3(slope, 1.0));
+    }
     vec3 stretched = normalize(vec3(facets.wo.xy * facets.alpha, facets.wo.z));
     float low = bound * stretched.z;
     float z = (1.0 - u.y) * (1.0 + low) - low;
@@ -92,8 +120,11 @@ vec3 sample_reflection(Microfacets facets, vec2 u) {
 // Reflection by facets that reflect everything, f cos: D G / (4 cos_o), for a half vector m.
 float facet_reflection(Microfacets facets, vec3 wi, vec3 m) {
     vec3 wo = facets.wo;
-    float seen = unmasked(wi, facets.alpha);
-    return 0.5 * ggx(m, facets.alpha) * seen / (wo.z + stretched_length(wo, facets.alpha));
+    float seen = facet_density(facets, m) * unmasked(facets, wi);
+    if (HAS_BECKMANN && facets.beckmann) {
+        return 0.25 * seen * unmasked(facets, wo) / wo.z;
+    }
+    return 0.5 * seen / (wo.z + stretched_length(wo, facets.alpha));
 }
 
 // Light that one scattering by facets of a reflectance loses, f cos, scattered diffusely: so much that facets which reflect

@@ -58,7 +58,7 @@ BsdfValue evaluate_rough_coat(Material m, Microfacets facets, vec3 wi) {
 }
 
 BsdfValue evaluate_rough_plastic(Material m, Surface surface, vec3 wo, vec3 wi) {
-    Microfacets facets = microfacets_of(surface, m.detail.alpha, wo);
+    Microfacets facets = microfacets_of(surface, m.detail, wo);
     vec3 local = to_facets(facets, wi);
     BsdfValue value = BsdfValue(vec3(0.0), 0.0);
     if (local.z > 0.0 && side_of(surface, wo) == side_of(surface, wi)) {
@@ -68,7 +68,7 @@ BsdfValue evaluate_rough_plastic(Material m, Surface surface, vec3 wo, vec3 wi) 
 }
 
 BsdfSample sample_rough_plastic(Material m, Surface surface, vec3 wo, float choice, vec2 u) {
-    Microfacets facets = microfacets_of(surface, m.detail.alpha, wo);
+    Microfacets facets = microfacets_of(surface, m.detail, wo);
     float out_share = table_at(m.detail.table, facets.wo.z, table_alpha(facets.alpha));
     bool by_coat = choice < coat_probability(m, 1.0 - out_share);
     vec3 local = vec3(sine_of(cosine_of(u.x)) * on_circle(u.y), cosine_of(u.x));

@@ -16,7 +16,7 @@ struct RoughInterface {
 RoughInterface rough_interface_of(Material m, Surface surface, vec3 wo) {
     bool outside = side_of(surface, wo) > 0.0;
     RoughInterface seen;
-    seen.facets = microfacets_of(surface, m.detail.alpha, wo);
+    seen.facets = microfacets_of(surface, m.detail, wo);
     seen.eta = outside ? m.ni : 1.0 / m.ni;
     seen.table = 0u;
     seen.other_table = 0u;
@@ -42,18 +42,17 @@ float lost_through(RoughInterface seen) {
 // f cos and pdf of a direction beyond, by a facet m between it and `wo`. Radiance scales with the square of the index.
 BsdfValue facet_transmission(Material m, RoughInterface seen, vec3 wi, vec3 facet) {
     vec3 wo = seen.facets.wo;
-    vec2 alpha = seen.facets.alpha;
     float cos_o = dot(wo, facet);
     float cos_i = dot(wi, facet);
     BsdfValue value = BsdfValue(vec3(0.0), 0.0);
     if (cos_o > 0.0 && cos_i < 0.0) {
         float share = 1.0 - dielectric_reflectance(min(cos_o, 1.0), seen.eta);
         float sum = cos_o + seen.eta * cos_i;
-        // Of the half vector and of the visible normals: 2 is that of `unmasked`.
         float spread = -cos_i * seen.eta * seen.eta / max(sum * sum, 1e-16);
-        float visible = 2.0 * ggx(facet, alpha) * cos_o / (wo.z + stretched_length(wo, alpha));
-        value.pdf = share * visible * spread;
-        value.f_cos = m.tf * (value.pdf * unmasked(wi, alpha) / (seen.eta * seen.eta));
+        Microfacets facets = seen.facets;
+        value.pdf = share * normal_pdf(facets, facet) * spread;
+        float seen_both = unmasked(facets, wo) * unmasked(facets, wi) * facet_density(facets, facet) * cos_o / wo.z;
+        value.f_cos = m.tf * (share * seen_both * spread / (seen.eta * seen.eta));
     }
     return value;
 }
@@ -62,9 +61,10 @@ BsdfValue evaluate_rough_interface(Material m, RoughInterface seen, vec3 wi, vec
     Microfacets facets = seen.facets;
     BsdfValue value = BsdfValue(vec3(0.0), 0.0);
     if (wi.z > 0.0) {
-        float share = dielectric_reflectance(min(dot(facets.wo, facet), 1.0), seen.eta);
-        float shape = ggx(facet, facets.alpha) / (2.0 * (facets.wo.z + stretched_length(facets.wo, facets.alpha)));
-        value = BsdfValue(vec3(share * shape * unmasked(wi, facets.alpha)), share * shape);
+        float cos_o = max(dot(facets.wo, facet), 1e-12);
+        float share = dielectric_reflectance(min(cos_o, 1.0), seen.eta);
+        value.f_cos = vec3(share * facet_reflection(facets, wi, facet));
+        value.pdf = share * normal_pdf(facets, facet) / (4.0 * cos_o);
     } else {
         value = facet_transmission(m, seen, wi, facet);
     }

@@ -6,7 +6,7 @@ use glam::DMat3;
 use crate::bvh::{Bvh, BvhKind};
 use crate::constants::*;
 use crate::scene::{self, Environment, Lookup, Parameter, Scene, Surface};
-use crate::settings::{Integrator, Offsets, PathState, RouletteMode, Sampler, Settings, ShadowRays, Sort};
+use crate::settings::{Filter, Integrator, Offsets, PathState, RouletteMode, Sampler, Settings, ShadowRays, Sort};
 
 /// Declares what a scene may have or not: its name in the code, its name for people, and how it is found.
 macro_rules! features {
@@ -82,6 +82,8 @@ features! {
     blends, "blends": |s| s.any_scattering(|m| m.surface.parts().next().is_some());
     /// Some material is turned by the direction of its texture coordinates.
     anisotropy, "anisotropy": |s| s.any_scattering(|m| m.is_anisotropic());
+    /// The microfacets of some material are of Beckmann's distribution.
+    beckmann, "Beckmann facets": |s| s.any_scattering(|m| m.is_rough() && m.is_beckmann);
     /// Some material makes up for light that its microfacets scatter more than once.
     compensation, "multiple scattering": |s| s.any_scattering(|m| m.is_rough() && m.compensates);
     /// Some material that scatters has a texture of diffuse reflectance.
@@ -284,6 +286,7 @@ impl Needs {
             nothing,
             blends,
             anisotropy,
+            beckmann,
             compensation,
             textures,
             detail_textures,
@@ -330,6 +333,7 @@ impl Needs {
             has_nothing: nothing,
             has_blends: blends,
             has_anisotropy: anisotropy,
+            has_beckmann: beckmann,
             has_compensation: compensation,
             has_textures: textures,
             has_detail_textures: detail_textures,
@@ -342,6 +346,7 @@ impl Needs {
             has_normals: normals,
             has_lens: lens,
             has_distance: distance,
+            gaussian_filter: settings.filter == Filter::Gaussian,
             scatters,
             bounded,
             casts_shadows: shadows,

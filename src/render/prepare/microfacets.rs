@@ -2,6 +2,7 @@
 //! a rough coat lets through, and means of reflectances.
 
 use std::collections::HashMap;
+use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
@@ -24,11 +25,49 @@ pub(super) struct Tables<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Subject {
     /// Light lost by microfacets that reflect everything.
-    Mirrors,
+    Mirrors(Distribution),
     /// Light lost by microfacets of a dielectric, from outside; those from inside come behind it.
-    Glass(u32),
+    Glass(u32, Distribution),
     /// Light that microfacets of a dielectric let through from outside.
-    Coat(u32),
+    Coat(u32, Distribution),
+}
+
+/// How the normals of microfacets are distributed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Distribution {
+    Ggx,
+    Beckmann,
+}
+
+impl Distribution {
+    fn of(material: &Material) -> Self {
+        if material.is_beckmann { Self::Beckmann } else { Self::Ggx }
+    }
+
+    /// Smith's masking of a direction of that cosine. (Walter et al. 2007)
+    fn unmasked(self, cosine: f64, alpha: f64) -> f64 {
+        let cosine = cosine.abs();
+        let across = alpha * (1.0 - cosine * cosine).max(0.0).sqrt();
+        match self {
+            Self::Ggx => 2.0 * cosine / (cosine + across.hypot(cosine)),
+            Self::Beckmann => match cosine / across.max(1e-12) {
+                a if a < 1.6 => (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a),
+                _ => 1.0,
+            },
+        }
+    }
+
+    /// A microfacet's normal, and its weight among those that `wo` sees, which has a mean of 1.
+    fn normal(self, wo: DVec3, alpha: f64, u: DVec2) -> (DVec3, f64) {
+        match self {
+            Self::Ggx => (visible_normal(wo, alpha, u), 1.0),
+            Self::Beckmann => {
+                let slope = alpha * (-(1.0 - u.y).max(1e-300).ln()).sqrt() * DVec2::from_angle(TAU * u.x);
+                let m = slope.extend(1.0).normalize();
+                (m, self.unmasked(wo.z, alpha) * wo.dot(m).max(0.0) / (wo.z * m.z))
+            }
+        }
+    }
 }
 
 impl<'a> Tables<'a> {
@@ -40,11 +79,12 @@ impl<'a> Tables<'a> {
     /// One more than the place of the table that the kernels look up for a material; 0 for none.
     pub fn place(&mut self, material: &Material) -> u32 {
         let index = material.ior.to_bits();
+        let distribution = Distribution::of(material);
         let subject = match material.surface {
             _ if !material.is_rough() => return 0,
-            Surface::Conductor | Surface::MetalRough if material.compensates => Subject::Mirrors,
-            Surface::Dielectric if material.compensates => Subject::Glass(index),
-            Surface::Plastic { .. } => Subject::Coat(index),
+            Surface::Conductor | Surface::MetalRough if material.compensates => Subject::Mirrors(distribution),
+            Surface::Dielectric if material.compensates => Subject::Glass(index, distribution),
+            Surface::Plastic { .. } => Subject::Coat(index, distribution),
             _ => return 0,
         };
         if let Some(place) = self.known.get(&subject) {
@@ -53,12 +93,14 @@ impl<'a> Tables<'a> {
         let place = self.words.len() as u32;
         let eta = f64::from(material.ior);
         match subject {
-            Subject::Mirrors => self.add(|cosine, alpha| 1.0 - scattered(cosine, alpha, |_| 1.0)),
-            Subject::Glass(_) => {
-                self.add(|cosine, alpha| 1.0 - through_and_back(cosine, alpha, eta).iter().sum::<f64>());
-                self.add(|cosine, alpha| 1.0 - through_and_back(cosine, alpha, 1.0 / eta).iter().sum::<f64>());
+            Subject::Mirrors(_) => self.add(|cosine, alpha| 1.0 - scattered(cosine, alpha, distribution, |_| 1.0)),
+            Subject::Glass(..) => {
+                self.add(|cosine, alpha| 1.0 - through_and_back(cosine, alpha, distribution, eta).iter().sum::<f64>());
+                self.add(|cosine, alpha| {
+                    1.0 - through_and_back(cosine, alpha, distribution, 1.0 / eta).iter().sum::<f64>()
+                });
             }
-            Subject::Coat(_) => self.add(|cosine, alpha| through_and_back(cosine, alpha, eta)[0]),
+            Subject::Coat(..) => self.add(|cosine, alpha| through_and_back(cosine, alpha, distribution, eta)[0]),
         }
         self.known.insert(subject, place);
         place + 1
@@ -128,9 +170,9 @@ pub(super) fn inner_reflectance(material: &Material) -> f32 {
     let eta = 1.0 / f64::from(material.ior);
     let alpha = f64::from(material.roughness.max_element());
     let inner = match material.surface {
-        Surface::Plastic { .. } if material.is_rough() && alpha > 0.01 => {
-            mean_of_few(|cosine| scattered(cosine, alpha, |cosine| reflectance(cosine, eta)))
-        }
+        Surface::Plastic { .. } if material.is_rough() && alpha > 0.01 => mean_of_few(|cosine| {
+            scattered(cosine, alpha, Distribution::of(material), |cosine| reflectance(cosine, eta))
+        }),
         Surface::Plastic { .. } => mean(|cosine| reflectance(cosine, eta)),
         _ => 0.0,
     };
@@ -166,17 +208,11 @@ fn mean_over_square(value: impl Fn(DVec2) -> [f64; 2]) -> [f64; 2] {
     weighted.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]).map(|sum| sum / f64::from(POINTS))
 }
 
-/// Smith's masking by GGX microfacets.
-fn unmasked(cosine: f64, alpha: f64) -> f64 {
-    let cosine = cosine.abs();
-    2.0 * cosine / (cosine + (alpha * alpha * (1.0 - cosine * cosine) + cosine * cosine).sqrt())
-}
-
 /// A microfacet's normal as a direction sees them. (Dupuy and Benyoub 2023, Sampling Visible GGX Normals with Spherical Caps)
 fn visible_normal(wo: DVec3, alpha: f64, u: DVec2) -> DVec3 {
     let stretched = DVec3::new(wo.x * alpha, wo.y * alpha, wo.z).normalize();
     let z = (1.0 - u.y) * (1.0 + stretched.z) - stretched.z;
-    let across = DVec2::from_angle(std::f64::consts::TAU * u.x) * (1.0 - z * z).max(0.0).sqrt();
+    let across = DVec2::from_angle(TAU * u.x) * (1.0 - z * z).max(0.0).sqrt();
     let h = across.extend(z) + stretched;
     DVec3::new(h.x * alpha, h.y * alpha, h.z.max(1e-12)).normalize()
 }
@@ -186,30 +222,34 @@ fn direction_at(cosine: f64) -> DVec3 {
 }
 
 /// Albedo of microfacets of a reflectance, by one scattering.
-fn scattered(cosine: f64, alpha: f64, reflectance: impl Fn(f64) -> f64) -> f64 {
+fn scattered(cosine: f64, alpha: f64, distribution: Distribution, reflectance: impl Fn(f64) -> f64) -> f64 {
     let wo = direction_at(cosine);
     mean_over_square(|u| {
-        let m = visible_normal(wo, alpha, u);
+        let (m, weight) = distribution.normal(wo, alpha, u);
         let on_facet = wo.dot(m).max(0.0);
         let wi = 2.0 * on_facet * m - wo;
-        [if wi.z > 0.0 { reflectance(on_facet) * unmasked(wi.z, alpha) } else { 0.0 }, 0.0]
+        let seen = if wi.z > 0.0 { distribution.unmasked(wi.z, alpha) } else { 0.0 };
+        [weight * reflectance(on_facet) * seen, 0.0]
     })[0]
 }
 
 /// Shares of light that microfacets of a dielectric let through and reflect, by one scattering.
-fn through_and_back(cosine: f64, alpha: f64, eta: f64) -> [f64; 2] {
+fn through_and_back(cosine: f64, alpha: f64, distribution: Distribution, eta: f64) -> [f64; 2] {
     let wo = direction_at(cosine);
     mean_over_square(|u| {
-        let m = visible_normal(wo, alpha, u);
+        let (m, weight) = distribution.normal(wo, alpha, u);
         let on_facet = wo.dot(m).max(0.0);
         let reflected = 2.0 * on_facet * m - wo;
         let share = reflectance(on_facet, eta);
-        let back = if reflected.z > 0.0 { share * unmasked(reflected.z, alpha) } else { 0.0 };
+        let back = if reflected.z > 0.0 { share * distribution.unmasked(reflected.z, alpha) } else { 0.0 };
         let squared = (eta - 1.0) * (eta + 1.0) + on_facet * on_facet;
         let beyond = squared.max(0.0).sqrt() / eta;
         let refracted = (on_facet / eta - beyond) * m - wo / eta;
-        let through =
-            if squared > 0.0 && refracted.z < 0.0 { (1.0 - share) * unmasked(refracted.z, alpha) } else { 0.0 };
-        [through, back]
+        let through = if squared > 0.0 && refracted.z < 0.0 {
+            (1.0 - share) * distribution.unmasked(refracted.z, alpha)
+        } else {
+            0.0
+        };
+        [weight * through, weight * back]
     })
 }

@@ -46,6 +46,8 @@ pub(super) fn pack_detail(material: &scene::Material, headers: &[u32], tables: &
     } else {
         Parameter::Roughness
     };
+    let nonlinear = if material.surface == (Surface::Plastic { nonlinear: true }) { DETAIL_NONLINEAR } else { 0 };
+    let beckmann = if material.is_beckmann { DETAIL_BECKMANN } else { 0 };
     MaterialDetail {
         eta: material.eta.to_array(),
         alpha_x: material.roughness.x.max(SMOOTH),
@@ -65,7 +67,7 @@ pub(super) fn pack_detail(material: &scene::Material, headers: &[u32], tables: &
         map_weight: place(Parameter::Weight),
         first: part(0),
         second: part(1),
-        nonlinear: u32::from(material.surface == Surface::Plastic { nonlinear: true }),
+        flags: nonlinear | beckmann,
         inner_reflectance: inner_reflectance(material),
         mean_reflectance: mean_reflectance(material).to_array(),
         table: tables.place(material),

@@ -220,7 +220,11 @@ impl Materials {
                 _ => colour * map.factor,
             };
             let values = product.to_array().map(|value| map.response.of(value).min(most));
-            let [r, g, b] = values.map(|value| f16::from_f32(value * scale));
+            let [r, mut g, b] = values.map(|value| f16::from_f32(value * scale));
+            if parameter == Parameter::Height {
+                // Slopes are of small differences: what rounding took from the first channel is in the second.
+                g = f16::from_f32(values[0] * scale - r.to_f32());
+            }
             [r, g, b, f16::ONE]
         };
         let texels = match shared {

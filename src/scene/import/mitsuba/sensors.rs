@@ -4,6 +4,7 @@ use glam::DAffine3;
 
 use super::{Importer, xml::Object};
 use crate::scene::{Camera, error::SceneError, text::excerpt};
+use crate::settings::Filter;
 use crate::settings::{Integrator, MAX_SAMPLES, RouletteMode, Sampler};
 
 /// The probability with which a path ends that has lost nothing, past `rr_depth`, as Mitsuba has it.
@@ -131,8 +132,11 @@ impl Importer<'_, '_, '_> {
             filter.ignore(&["stddev", "radius", "lobes", "B", "C"]);
         }
         let (name, location) = filter.map_or(("gaussian", &object.location), |f| (&*f.plugin, &f.location));
-        if name != "box" {
-            let text = format!("the filter of pixels is a box here, not `{}`", excerpt(name));
+        let deviation = filter.map_or(Ok(0.5), |filter| filter.float("stddev", 0.5))?;
+        self.import.settings.filter = if name == "gaussian" { Filter::Gaussian } else { Filter::Box };
+        if name != "box" && (name != "gaussian" || deviation != 0.5) {
+            let text =
+                format!("the filter of pixels is a box here, or a Gaussian of 0.5 pixels, not `{}`", excerpt(name));
             self.note("pixel filter", location, text);
         }
         Ok((size[0], size[1]))
