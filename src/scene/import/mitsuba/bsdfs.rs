@@ -204,7 +204,9 @@ impl Importer<'_, '_, '_> {
             let scale = object.float("scale", 1.0)? as f32;
             leaf.set_map(Parameter::Height, Some(Map { factor: map.factor * scale, ..map }));
         } else {
-            leaf.set_map(Parameter::Normal, Some(map));
+            // Mitsuba's second axis is n x s, which is against v once v is turned to grow upwards, unless the mesh is mirrored.
+            let factor = map.factor * Vec3::new(1.0, -1.0, 1.0);
+            leaf.set_map(Parameter::Normal, Some(Map { factor, ..map }));
         }
         Ok(())
     }
