@@ -11,7 +11,7 @@ use crate::image::{Encoding, Texels};
 use crate::scene::{
     Lookup, Material, Parameter, Surface, Texture, Wrap,
     error::{Location, SceneError},
-    import::{self, ImageFile, ImageSource, LUMINANCE, Map, Response},
+    import::{self, ImageFile, ImageSource, LUMINANCE, Map, OPACITY, Response},
     sources::{OUTSIDE, Sources, Warning},
     text::{excerpt, one_line},
 };
@@ -68,6 +68,9 @@ impl Materials {
         sources: &mut Sources,
     ) -> Result<u32, SceneError> {
         let described = described as usize;
+        if self.described[described].is_transparent() {
+            self.part(described);
+        }
         let needs_coordinates = self.reaches_coordinates(described, 0);
         let kind = usize::from(needs_coordinates && has_uvs);
         if let Some(known) = self.known[described][kind] {
@@ -104,6 +107,31 @@ impl Materials {
         };
         self.made[index as usize] = Some(made);
         Ok(index)
+    }
+
+    /// Makes of a transparent material a blend of its opaque self and of nothing.
+    fn part(&mut self, described: usize) {
+        let mut opaque = self.described[described].clone();
+        opaque.opacity = 1.0;
+        opaque.set_map(Parameter::Weight, None);
+        let nothing = Material { surface: Surface::Nothing, ..Material::diffuse(Vec3::ZERO) };
+        let nothing = import::Material { optics: nothing, ..import::Material::named("nothing") };
+        let first = self.described.len() as u32;
+        self.described.extend([opaque, nothing]);
+        self.known.extend([[None; 2]; 2]);
+        let whole = &mut self.described[described];
+        whole.maps.retain(|(parameter, _)| matches!(parameter, Parameter::Weight | Parameter::Emission));
+        whole.optics.surface = Surface::Blend(first, first + 1);
+        whole.optics.weight = whole.opacity;
+        if let Some(map) = whole.map(Parameter::Weight) {
+            whole.set_map(Parameter::Weight, Some(Map { factor: map.factor * whole.opacity, ..map }));
+        }
+        // What it says it says once, and what emits is the whole.
+        whole.opacity = 1.0;
+        whole.warnings.clear();
+        let opaque = &mut self.described[first as usize];
+        opaque.optics.emission = Vec3::ZERO;
+        opaque.set_map(Parameter::Emission, None);
     }
 
     /// Whether a described material or a part of it needs texture coordinates. Blends are [`MAX_BLENDS`] deep at most.
@@ -208,9 +236,11 @@ impl Materials {
         let Texels { width, height, rgba } = &self.decoded[&(map.image, encoding(map))];
         // Nothing reflects more than it gets.
         let most = if parameter == Parameter::Emission || parameter == Parameter::Height { f32::MAX } else { 1.0 };
+        let has_alpha = channel == Some(OPACITY) && rgba.iter().any(|[.., alpha]| *alpha < 1.0);
         let texel = |rgba: &[f32; 4]| {
             let colour = match channel {
-                Some(LUMINANCE) => Vec3::splat(Vec3::from_slice(rgba).dot(LUMINANCES)),
+                Some(OPACITY) if has_alpha => Vec3::splat(rgba[3]),
+                Some(LUMINANCE | OPACITY) => Vec3::splat(Vec3::from_slice(rgba).dot(LUMINANCES)),
                 Some(channel) => Vec3::splat(rgba[channel]),
                 None => Vec3::from_slice(rgba),
             };

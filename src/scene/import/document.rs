@@ -141,6 +141,11 @@ struct RawMaterial {
     Ns: Option<Spanned<Numbers>>,
     Ni: Option<Spanned<Numbers>>,
     illum: Option<Spanned<Numbers>>,
+    Pr: Option<Spanned<Numbers>>,
+    Pm: Option<Spanned<Numbers>>,
+    Pc: Option<Spanned<Numbers>>,
+    Pcr: Option<Spanned<Numbers>>,
+    d: Option<Spanned<Numbers>>,
     map_Kd: Option<Spanned<String>>,
 }
 
@@ -381,6 +386,11 @@ impl Reader<'_> {
             ("Ns", &raw.Ns),
             ("Ni", &raw.Ni),
             ("illum", &raw.illum),
+            ("Pr", &raw.Pr),
+            ("Pm", &raw.Pm),
+            ("Pc", &raw.Pc),
+            ("Pcr", &raw.Pcr),
+            ("d", &raw.d),
         ];
         for (key, value) in numeric {
             let Some(value) = value else { continue };

@@ -88,6 +88,11 @@ pub(super) struct Material {
     pub maps: Vec<(Parameter, Map)>,
     /// Keys whose values cannot be used.
     pub faults: Vec<Fault>,
+    /// Share of the light that meets the surface and does not go on as if it were not there. `Parameter::Weight` may give it
+    /// where the surface is no blend.
+    pub opacity: f32,
+    /// Whether roughness and metal are described.
+    pub is_metal_rough: bool,
     /// Glass that it is to be once its index of refraction is given.
     pub withheld: Option<Surface>,
     /// For a user whose scene uses this material.
@@ -96,6 +101,8 @@ pub(super) struct Material {
 
 /// In place of a channel of an image, the luminance of its colour.
 pub(super) const LUMINANCE: usize = 4;
+/// And alpha, of an image where some is below 1, or else the luminance.
+pub(super) const OPACITY: usize = 5;
 
 /// What an image gives of a material: its texels times the factor.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,7 +112,7 @@ pub(super) struct Map {
     pub lookup: Lookup,
     /// Whether the image's codes are linear in the value; else they are sRGB.
     pub is_raw: bool,
-    /// The channel that gives a number, 0 to 3 or [`LUMINANCE`]; means nothing of a colour.
+    /// The channel that gives a number, 0 to 3, [`LUMINANCE`] or [`OPACITY`]; means nothing of a colour.
     pub channel: usize,
     /// What the texels are multiplied by; of a normal its coordinates, once they are in [-1, 1].
     pub factor: Vec3,
@@ -161,7 +168,32 @@ impl Material {
     pub fn named(name: &str) -> Self {
         let optics = scene::Material { name: name.to_owned(), ..scene::Material::diffuse(Vec3::splat(0.8)) };
         let (maps, faults, warnings) = Default::default();
-        Self { optics, location: None, maps, faults, withheld: None, warnings }
+        Self { optics, location: None, maps, faults, opacity: 1.0, is_metal_rough: false, withheld: None, warnings }
+    }
+
+    /// Makes of an opaque surface that is described by roughness and metal one that has them, and of an image of emission a
+    /// light that scatters where it does not shine.
+    fn finish(&mut self) {
+        if self.is_metal_rough && matches!(self.optics.surface, Surface::Glossy | Surface::Mirror) {
+            self.optics.surface = Surface::MetalRough;
+            self.optics.specular = Vec3::ONE;
+            self.optics.ior = if self.optics.ior > 1.0 { self.optics.ior } else { 1.5 };
+        }
+        if let Some(map) = self.map(Parameter::Emission) {
+            self.optics.is_pure_emitter = false;
+            if self.optics.emission == Vec3::ZERO {
+                self.optics.emission = Vec3::ONE;
+            }
+            self.set_map(Parameter::Emission, Some(Map { factor: self.optics.emission, ..map }));
+        }
+    }
+
+    /// Whether light goes through it as if it were not there, in part. Glass and lights do not say so by an opacity.
+    pub fn is_transparent(&self) -> bool {
+        let is_less = self.opacity < 1.0 || self.map(Parameter::Weight).is_some();
+        let surface = self.optics.surface;
+        let is_solid = !surface.refracts() && surface.parts().next().is_none() && surface != Surface::Nothing;
+        is_less && is_solid && !self.optics.only_emits()
     }
 
     /// What an image gives of that parameter.

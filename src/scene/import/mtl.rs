@@ -5,7 +5,7 @@ use std::{collections::HashMap, path::Path};
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 
-use super::{Fault, ImageFile, Images, Map, Material};
+use super::{Fault, ImageFile, Images, LUMINANCE, Map, Material, OPACITY, Response};
 use crate::scene::{
     Lookup, Parameter, Surface, Wrap,
     error::Location,
@@ -14,8 +14,27 @@ use crate::scene::{
 };
 
 /// The keys of colours and numbers.
-const KEYS: [&str; 7] = ["Kd", "Ks", "Ke", "Tf", "Ns", "Ni", "illum"];
+const KEYS: [&str; 11] = ["Kd", "Ks", "Ke", "Tf", "Ns", "Ni", "illum", "Pr", "Pm", "Pc", "Pcr"];
 const KEYS_OF_COLOURS: [&str; 4] = ["Kd", "Ks", "Ke", "Tf"];
+
+/// A key of an image and what that gives.
+#[derive(Debug)]
+struct ImageKey {
+    key: &'static str,
+    parameter: Parameter,
+    is_raw: bool,
+    response: Response,
+}
+
+/// The images that are shown.
+const IMAGES: [ImageKey; 6] = [
+    ImageKey { key: "map_Kd", parameter: Parameter::Diffuse, is_raw: false, response: Response::Linear },
+    ImageKey { key: "map_Ke", parameter: Parameter::Emission, is_raw: false, response: Response::Linear },
+    ImageKey { key: "map_d", parameter: Parameter::Weight, is_raw: true, response: Response::Linear },
+    ImageKey { key: "map_Pr", parameter: Parameter::Roughness, is_raw: true, response: Response::Squared },
+    ImageKey { key: "map_Pm", parameter: Parameter::Metalness, is_raw: true, response: Response::Linear },
+    ImageKey { key: "norm", parameter: Parameter::Normal, is_raw: true, response: Response::Linear },
+];
 
 /// The materials of an MTL file by name.
 pub(super) type Library = HashMap<String, Definition>;
@@ -32,8 +51,8 @@ pub(super) struct Definition {
     illum: f32,
     /// Opacity, if a file says it.
     opacity: Option<f64>,
-    /// Where an image is given of what the surface emits.
-    emission_image: Option<Location>,
+    /// `Ka`, if a file says it.
+    ambient: Option<f32>,
 }
 
 /// A property of a material and its value.
@@ -46,8 +65,14 @@ enum Property {
     Ior(f32),
     Transmission(Vec3),
     Emission(Vec3),
+    /// As people perceive it: the square root of GGX's alpha.
+    Roughness(f32),
+    Metalness(f32),
+    Coat(f32),
+    CoatRoughness(f32),
+    Opacity(f32),
     /// `None` takes the image away that another file gave.
-    DiffuseImage(Option<(ImageFile, Lookup)>),
+    Image(&'static ImageKey, Option<(ImageFile, Lookup)>),
     /// A key whose value cannot be used.
     Unusable(Fault),
     /// Glass that the file asks for and does not describe: the surface is opaque until an index is given.
@@ -65,7 +90,12 @@ impl Property {
             Self::Ior(_) => "Ni",
             Self::Transmission(_) => "Tf",
             Self::Emission(_) => "Ke",
-            Self::DiffuseImage(_) => "map_Kd",
+            Self::Roughness(_) => "Pr",
+            Self::Metalness(_) => "Pm",
+            Self::Coat(_) => "Pc",
+            Self::CoatRoughness(_) => "Pcr",
+            Self::Opacity(_) => "d",
+            Self::Image(image, _) => image.key,
             Self::Unusable(fault) => fault.key,
         }
     }
@@ -75,7 +105,7 @@ impl Definition {
     /// Nothing yet of a material that is named at `location`.
     pub fn at(location: Location) -> Self {
         let (properties, warnings) = Default::default();
-        Self { location, properties, warnings, illum: 2.0, opacity: None, emission_image: None }
+        Self { location, properties, warnings, illum: 2.0, opacity: None, ambient: None }
     }
 
     /// Adds what a numeric key says, which stands at `location`. The error says what is wrong and
@@ -94,6 +124,11 @@ impl Definition {
                 ni if ni > 0.0 => Property::Ior(ni),
                 ni => return Err(format!("Ni is {ni}; an index of refraction is above 0")),
             },
+            "Pr" => Property::Roughness(share(key, values)?),
+            "Pm" => Property::Metalness(share(key, values)?),
+            "Pc" => Property::Coat(share(key, values)?),
+            "Pcr" => Property::CoatRoughness(share(key, values)?),
+            "d" => Property::Opacity(share(key, values)?),
             "illum" => {
                 let illum = scalar(key, values)?;
                 if illum.fract() != 0.0 {
@@ -114,7 +149,7 @@ impl Definition {
 
     /// Gives the material a diffuse image, or takes one away.
     pub fn set_diffuse_image(&mut self, image: Option<ImageFile>) {
-        self.properties.push(Property::DiffuseImage(image.map(|image| (image, Lookup::default()))));
+        self.properties.push(Property::Image(&IMAGES[0], image.map(|image| (image, Lookup::default()))));
     }
 
     fn warn(&mut self, kind: &'static str, location: &Location, text: impl Into<String>) {
@@ -147,19 +182,21 @@ impl Definition {
         self.properties.push(Property::Withheld(surface));
     }
 
-    /// Tells of an image of what is emitted, which is not read. Beside `Ke`, more than that image says becomes a light.
-    fn tell_of_emission_image(&mut self) {
-        let Some(location) = self.emission_image.take() else { return };
-        match self.last("Ke") {
-            Some(Property::Emission(radiance)) if *radiance != Vec3::ZERO => {
-                self.warn("emission image", &location, "map_Ke is not read: all of the surface emits Ke");
-            }
-            _ => self.warn_of_image("map_Ke", &location),
+    /// Blender writes its metals as `illum 3` with the base colour as Kd, the share of metal as Ka, and a roughness as Ns; it
+    /// always writes an index and an opacity too, which no mirror needs.
+    fn recognise_blenders_metal(&mut self) {
+        let is_described = ["Kd", "Ns", "Ni"].iter().all(|key| self.last(key).is_some()) && self.opacity.is_some();
+        let says_more = self.last("Pr").or(self.last("Pm")).is_some();
+        let (Some(Property::Exponent(exponent)), Some(ambient)) = (self.last("Ns"), self.ambient) else { return };
+        if self.illum == 3.0 && is_described && !says_more {
+            let roughness = 1.0 - (exponent / 1000.0).clamp(0.0, 1.0).sqrt();
+            let metalness = if ambient > 0.0 { ambient.min(1.0) } else { 1.0 };
+            self.properties.extend([Property::Roughness(roughness), Property::Metalness(metalness)]);
         }
     }
 
     fn warn_of_image(&mut self, key: &str, location: &Location) {
-        let text = format!("`{}` is ignored: map_Kd is the only image read", excerpt(key));
+        let text = format!("`{}` is ignored: images of that key are not shown", excerpt(key));
         self.warn("image of another key", location, text);
     }
 
@@ -189,11 +226,19 @@ impl Definition {
                 }
                 Property::Transmission(tint) => optics.transmission = *tint,
                 Property::Emission(radiance) => optics.emission = *radiance,
-                Property::DiffuseImage(image) => {
-                    let map = image
-                        .as_ref()
-                        .map(|(image, lookup)| Map { lookup: *lookup, ..Map::colour(images.index_of(image)) });
-                    material.set_map(Parameter::Diffuse, map);
+                Property::Roughness(roughness) => optics.roughness = Vec2::splat(roughness * roughness),
+                Property::Metalness(metalness) => optics.metalness = *metalness,
+                Property::Coat(coat) => optics.coat = *coat,
+                Property::CoatRoughness(roughness) => optics.coat_roughness = roughness * roughness,
+                Property::Opacity(opacity) => material.opacity = *opacity,
+                Property::Image(key, image) => {
+                    let ImageKey { parameter, is_raw, response, .. } = **key;
+                    let map = image.as_ref().map(|(image, lookup)| {
+                        let colour = Map::colour(images.index_of(image));
+                        let channel = if parameter == Parameter::Weight { OPACITY } else { LUMINANCE };
+                        Map { lookup: *lookup, is_raw, response, channel, ..colour }
+                    });
+                    material.set_map(parameter, map);
                 }
                 Property::Unusable(fault) => material.faults.push(fault.clone()),
                 Property::Withheld(surface) => {
@@ -202,6 +247,10 @@ impl Definition {
                 }
             }
         }
+        // Roughness and metal describe a surface that no `illum` does, unless it is glass or a later table has the last word.
+        let describes = ["Pr", "Pm", "map_Pr", "map_Pm"].iter().any(|key| self.last(key).is_some());
+        material.is_metal_rough = describes || material.is_metal_rough && self.last("illum").is_none();
+        material.finish();
     }
 }
 
@@ -243,6 +292,13 @@ fn scalar(key: &str, values: &[f64]) -> Result<f32, String> {
     }
 }
 
+fn share(key: &str, values: &[f64]) -> Result<f32, String> {
+    match scalar(key, values)? {
+        share if (0.0..=1.0).contains(&share) => Ok(share),
+        share => Err(format!("{key} is {share}; give a number from 0 to 1")),
+    }
+}
+
 /// Reads an MTL file. A name that comes twice continues the first. What it says wrongly or for nothing stops no scene:
 /// the user of a material is told.
 pub(super) fn read(path: &Path, text: &str, sources: &mut Sources<'_>) -> Library {
@@ -261,7 +317,7 @@ pub(super) fn read(path: &Path, text: &str, sources: &mut Sources<'_>) -> Librar
             continue;
         }
         let Some(material) = current.as_mut() else {
-            if KEYS.contains(&key) || key == "map_Kd" {
+            if KEYS.contains(&key) || IMAGES.iter().any(|image| image.key == key) {
                 let text = format!("{key} belongs to no material; put newmtl above it");
                 sources.note(&Warning { kind: "key of no material", location, text });
             }
@@ -272,19 +328,20 @@ pub(super) fn read(path: &Path, text: &str, sources: &mut Sources<'_>) -> Librar
             continue;
         }
         match key {
-            "map_Kd" => material.read_image(rest, folder, location),
+            _ if IMAGES.iter().any(|image| image.key == key) => {
+                let image = IMAGES.iter().find(|image| image.key == key);
+                image.iter().for_each(|image| material.read_image(image, rest, folder, &location));
+            }
+            "Ka" => material.ambient = keyword(rest).0.parse().ok(),
             "d" | "Tr" => {
                 // Perhaps behind `-halo`.
                 let value = rest.split_whitespace().next_back().and_then(|word| number(word).ok());
                 let Some(value) = value.filter(|value| value.is_finite()) else { continue };
                 let opacity = if key == "d" { value } else { 1.0 - value };
-                if opacity < 1.0 {
-                    material.warn("opacity", &location, format!("{key} {value} is not shown: the surface is opaque"));
-                }
                 material.opacity = Some(opacity);
+                material.properties.push(Property::Opacity(opacity.clamp(0.0, 1.0) as f32));
             }
-            "map_Ke" => material.emission_image = Some(location),
-            _ if key.starts_with("map_") || ["bump", "disp", "decal", "norm", "refl"].contains(&key) => {
+            _ if key.starts_with("map_") || ["bump", "disp", "decal", "refl"].contains(&key) => {
                 material.warn_of_image(key, &location);
             }
             _ => {}
@@ -292,7 +349,7 @@ pub(super) fn read(path: &Path, text: &str, sources: &mut Sources<'_>) -> Librar
     }
     for material in materials.values_mut() {
         material.doubt_glass();
-        material.tell_of_emission_image();
+        material.recognise_blenders_metal();
     }
     materials
 }
@@ -353,8 +410,9 @@ impl Definition {
         }
     }
 
-    /// Reads `map_Kd`: options, and the name of a file, which may have blanks in it.
-    fn read_image(&mut self, text: &str, folder: &Path, location: Location) {
+    /// Reads what a key of an image says: options, and the name of a file, which may have blanks in it.
+    fn read_image(&mut self, image: &'static ImageKey, text: &str, folder: &Path, location: &Location) {
+        let key = image.key;
         let mut rest = text;
         let (mut scale, mut offset, mut wrap) = (Vec2::ONE, Vec2::ZERO, Wrap::Repeat);
         while let Some((option, least, most)) = OPTIONS.into_iter().find(|(option, ..)| keyword(rest).0 == *option) {
@@ -381,21 +439,21 @@ impl Definition {
             match option {
                 "-s" => scale = Vec2::new(at(0, 1.0), at(1, 1.0)),
                 "-o" => offset = Vec2::new(at(0, 0.0), at(1, 0.0)),
-                _ => self.warn("option of map_Kd", &location, format!("the option {option} of map_Kd is ignored")),
+                _ => self.warn("option of an image", location, format!("the option {option} of {key} is ignored")),
             }
         }
         if rest.is_empty() {
-            self.warn("image without name", &location, "map_Kd has no file name; Kd is shown");
+            self.warn("image without name", location, format!("{key} has no file name; the constant is shown"));
             return;
         }
         if !(scale.is_finite() && offset.is_finite()) {
-            self.warn("option of map_Kd", &location, "-s or -o of map_Kd is not finite and is ignored");
+            self.warn("option of an image", location, format!("-s or -o of {key} is not finite and is ignored"));
             (scale, offset) = (Vec2::ONE, Vec2::ZERO);
         }
         let transform = Affine2::from_scale_angle_translation(scale, 0.0, offset);
-        let image = ImageFile::file(folder.join(file_name(rest)), location);
+        let file = ImageFile::file(folder.join(file_name(rest)), location.clone());
         let lookup = Lookup { transform, wrap, ..Lookup::default() };
-        self.properties.push(Property::DiffuseImage(Some((image, lookup))));
+        self.properties.push(Property::Image(image, Some((file, lookup))));
     }
 }
 
