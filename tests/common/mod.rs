@@ -12,7 +12,7 @@ pub use project::project_file;
 use raywave::Renderer;
 use raywave::gpu::{Device, Instance};
 use raywave::render::{Outcome, PreparedScene};
-use raywave::scene::Scene;
+use raywave::scene::{LoadOptions, Scene};
 use raywave::settings::Settings;
 use raywave_studies::gallery::generate_gallery;
 
@@ -100,7 +100,9 @@ pub fn scene_from(toml: &str, obj: &str, mtl: &str) -> Scene {
     for (name, text) in [("scene.toml", toml), ("scene.obj", obj), ("scene.mtl", mtl)] {
         std::fs::write(folder.path().join(name), text).expect("a temporary file");
     }
-    Scene::load(&folder.path().join("scene.toml")).expect("the test's scene loads")
+    // Skies lie in folders of their own.
+    let options = LoadOptions { allow_outside: true, ..LoadOptions::default() };
+    Scene::load_with(&folder.path().join("scene.toml"), &options).expect("the test's scene loads")
 }
 
 /// A floor that fills the image under a sky, and materials in a file: `floor` is its own.

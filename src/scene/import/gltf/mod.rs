@@ -23,6 +23,7 @@ use crate::scene::{
     text::{excerpt, one_line},
     transform::Transform,
 };
+use crate::settings::Integrator;
 
 /// What is shown of extensions, or has no look.
 const KNOWN: [&str; 17] = [
@@ -86,6 +87,8 @@ struct Seen {
 /// Imports a file as a scene.
 pub(super) fn import(path: &Path, sources: &mut Sources) -> Result<Import, SceneError> {
     let mut import = Import::default();
+    // Light samples alone find too little of what narrow lobes reflect.
+    import.settings.integrator = Integrator::Mis;
     let location = Location::file(path);
     let Contents { instances, cameras, lights } = read(path, &location, sources, &mut import)?;
     let seen = match &sources.options.camera {
