@@ -4,9 +4,9 @@
 use std::{f64::consts::FRAC_1_SQRT_2, fs, io::Cursor, path::PathBuf};
 
 use crate::project::project_file;
-use glam::{DMat3, DVec3, Vec2, Vec3, dvec2, dvec3, vec2, vec3};
+use glam::{Affine2, DMat3, DVec3, Vec2, Vec3, dvec2, dvec3, vec2, vec3};
 use proptest::prelude::*;
-use raywave::scene::{Environment, Material, NONE, Parameter, Scene, SceneError, Surface};
+use raywave::scene::{Environment, Material, NONE, Parameter, Scene, SceneError, Surface, Wrap};
 use raywave::settings::Integrator;
 use raywave_studies::gallery::generate_gallery;
 use tempfile::TempDir;
@@ -523,7 +523,8 @@ fn image_names_come_with_blanks_slashes_and_options() {
     ] {
         let scene = textured(&format!("newmtl a\nmap_Kd {written}\n"), name, &image);
         assert_eq!(scene.textures.len(), 1);
-        assert_eq!(warns(&scene, "-clamp of map_Kd is not shown"), written.contains("-clamp on"));
+        let wrap = if written.contains("-clamp on") { Wrap::Clamp } else { Wrap::Repeat };
+        assert_eq!(scene.textures[0].lookup.wrap, wrap);
         assert_eq!(warns(&scene, "the option -blendu of map_Kd is ignored"), written.contains("-blendu"));
     }
 }
@@ -989,8 +990,8 @@ fn lines_may_end_in_carriage_returns_alone() {
 fn images_lie_where_the_options_say() {
     let image = png(1, 1, &[[255; 3]]);
     let scene = textured("newmtl a\nmap_Kd -s 2 3 1 -o 0.5 t.png\n", "t.png", &image);
-    let uvs = scene.mesh.triangles[0].uvs.map(|index| scene.mesh.uvs[index as usize]);
-    assert_eq!(uvs, [vec2(0.5, 0.0), vec2(2.5, 0.0), vec2(0.5, 3.0)]);
+    let transform = scene.textures[0].lookup.transform;
+    assert_eq!(transform, Affine2::from_scale_angle_translation(vec2(2.0, 3.0), 0.0, vec2(0.5, 0.0)));
 }
 
 #[test]
