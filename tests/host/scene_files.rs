@@ -995,6 +995,46 @@ fn images_lie_where_the_options_say() {
 }
 
 #[test]
+fn large_files_mean_what_small_ones_do() {
+    // Of several megabytes, so that parts of it are read apart.
+    const COUNT: usize = 120_000;
+    let mut obj = String::from("mtllib none.mtl\nv 9 9 9\n");
+    for index in 0..COUNT {
+        let material = ["a", "b", "a", "c"][index * 4 / COUNT];
+        if index % (COUNT / 8) == 0 {
+            obj += &format!("usemtl {material}\n");
+        }
+        let (x, y) = (index % 400, index / 400);
+        obj += &format!("v {x} {y} 0\nv {}.5 {y} 0\nv {x} {y}.5 0\nf -3 \\\n -2 -1\n", x);
+        if index % 1000 == 999 {
+            obj += "f 1 2\nf 1 2/7 3\n";
+        }
+    }
+    let scene = Folder::new(&[("m.obj", &obj)]).load("m.obj").unwrap();
+    assert_eq!(scene.materials.iter().map(|material| &material.name[..]).collect::<Vec<_>>(), ["a", "b", "c"]);
+    let own: Vec<_> = scene.mesh.triangles.iter().filter(|triangle| !triangle.positions.contains(&0)).collect();
+    assert_eq!(own.len(), COUNT);
+    for (index, triangle) in own.iter().enumerate() {
+        let first = 1 + 3 * index as u32;
+        assert_eq!(triangle.positions, [first, first + 1, first + 2]);
+        assert_eq!(triangle.material, [0, 1, 0, 2][index * 4 / COUNT]);
+        let corner = scene.mesh.positions[first as usize];
+        assert_eq!(corner, dvec3((index % 400) as f64, (index / 400) as f64, 0.0));
+    }
+    assert!(warns(&scene, "m.obj:5004: a face with 2 corners is left out; give 3 or more (the first of 120)"));
+    assert!(warns(&scene, "m.obj:5005: texture coordinate index 7 is out of range"));
+
+    // The first error is told, of vertices before faces, with its line.
+    let lines = obj.lines().count();
+    let wrong = format!("{obj}f 1 2 0\n{obj}f 1 2 x\n");
+    let error = Folder::new(&[("m.obj", &wrong)]).load("m.obj").unwrap_err().to_string();
+    assert!(error.contains(&format!("m.obj:{}: vertex index 0", lines + 1)), "{error}");
+    let error =
+        Folder::new(&[("m.obj", format!("{wrong}v 1 y 2\n{obj}v z 1 2\n"))]).load("m.obj").unwrap_err().to_string();
+    assert!(error.contains(&format!("m.obj:{}: `y` is not a number", 2 * lines + 3)), "{error}");
+}
+
+#[test]
 fn colours_may_be_given_as_cie_xyz() {
     let white = material_of("newmtl a\nKd xyz 0.9505 1.0 1.089\n");
     assert!((white.diffuse - Vec3::ONE).abs().max_element() < 2e-3, "{}", white.diffuse);
