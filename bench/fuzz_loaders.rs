@@ -34,6 +34,34 @@ const MESH: &str = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0 1 0 0\nv 0 1 0\nv 0.
 const MATERIALS: &str = "newmtl a\nKd 0.5 0.5 0.5\nKs 0.25\nNs 32\nillum 2\nmap_Kd -s 2 2 -o 0.5 0 t.png\nnewmtl b\n\
     Ke 1 1 1\nTf xyz 0.5 0.5\nNi 1.5\nd 0.5\nillum 7\nmap_Bump -bm 0.5 b.png\n";
 
+/// Elements of a PLY file: a quadrilateral with all that a vertex may have, properties of no meaning here, and a strip.
+const PLY: &str = "comment TextureFile t.png\nelement vertex 4\nproperty float x\nproperty double y\nproperty short z\n\
+    property float nx\nproperty float ny\nproperty float nz\nproperty float s\nproperty float t\nproperty uchar red\n\
+    property uchar green\nproperty uchar blue\nelement camera 1\nproperty list uchar float view\nelement face 2\n\
+    property uchar flags\nproperty list ushort int vertex_indices\nelement tristrips 1\n\
+    property list int int vertex_indices\nend_header\n";
+/// Triangles and no more, as most PLY files are.
+const PLAIN_PLY: &str = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n\
+    property list uchar int vertex_indices\nend_header\n";
+const MITSUBA: &str = "<scene version='3.0.0'><default name='r' value='0.25'/><integrator type='path'>\
+    <integer name='max_depth' value='5'/></integrator><sensor type='thinlens'><float name='fov' value='40'/>\
+    <float name='aperture_radius' value='0.1'/><transform name='to_world'><lookat origin='0,0,5' target='0,0,0' up='0,1,0'/>\
+    </transform><film type='hdrfilm'><integer name='width' value='64'/></film><sampler type='independent'/></sensor>\n\
+    <bsdf type='twosided' id='a'><bsdf type='roughconductor'><string name='material' value='Au'/>\
+    <float name='alpha' value='$r'/></bsdf></bsdf>\n<bsdf type='blendbsdf' id='b'><float name='weight' value='0.5'/>\
+    <bsdf type='plastic'><texture name='diffuse_reflectance' type='bitmap'><string name='filename' value='t.png'/>\
+    <transform name='to_uv'><scale x='2'/></transform></texture></bsdf><bsdf type='mask'><float name='opacity' value='0.5'/>\
+    <bsdf type='principled'><float name='metallic' value='0.5'/></bsdf></bsdf></bsdf>\n\
+    <shape type='obj'><string name='filename' value='m.obj'/><ref id='a'/></shape>\
+    <shape type='ply'><string name='filename' value='m.ply'/><boolean name='face_normals' value='true'/><ref id='b'/>\
+    <transform name='to_world'><rotate x='1' angle='30'/><matrix value='1 0 0 0 0 -1 0 0 0 0 1 0 0 0 0 1'/></transform></shape>\n\
+    <shape type='shapegroup' id='g'><shape type='cube'/><shape type='disk'/></shape><shape type='instance'><ref id='g'/>\
+    </shape><shape type='cylinder'><bsdf type='bumpmap'><texture type='checkerboard'/><bsdf type='dielectric'>\
+    <string name='int_ior' value='bk7'/></bsdf></bsdf></shape><shape type='rectangle'><emitter type='area'>\
+    <spectrum name='radiance' value='400:1, 500:2, 700:3'/></emitter></shape>\n<emitter type='envmap'>\
+    <string name='filename' value='t.png'/></emitter><emitter type='point'><rgb name='intensity' value='1 0.5 0'/></emitter>\
+    <emitter type='spot'/><emitter type='directional'><vector name='direction' value='0 0 1'/></emitter></scene>";
+
 /// A kind of file, and how it is loaded.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
@@ -43,10 +71,14 @@ enum Kind {
     Image(&'static str),
 }
 
-const KINDS: [(&str, Kind); 12] = [
+const KINDS: [(&str, Kind); 16] = [
     ("toml", Kind::Scene("s.toml")),
     ("obj", Kind::Scene("m.obj")),
     ("mtl", Kind::Scene("m.mtl")),
+    ("ply", Kind::Scene("m.ply")),
+    ("gltf", Kind::Scene("m.gltf")),
+    ("glb", Kind::Scene("m.glb")),
+    ("xml", Kind::Scene("s.xml")),
     ("exr", Kind::Image("exr")),
     ("hdr", Kind::Image("hdr")),
     ("pfm", Kind::Image("pfm")),
@@ -90,6 +122,10 @@ fn sound(kind: Kind) -> anyhow::Result<Vec<Vec<u8>>> {
     let extension = match kind {
         Kind::Scene("s.toml") => return Ok(vec![SCENE.into()]),
         Kind::Scene("m.obj") => return Ok(vec![MESH.into()]),
+        Kind::Scene("m.ply") => return Ok(plys()),
+        Kind::Scene("m.gltf") => return Ok(vec![gltf(None).0.into()]),
+        Kind::Scene("m.glb") => return Ok(vec![glb()]),
+        Kind::Scene("s.xml") => return Ok(vec![MITSUBA.into()]),
         Kind::Scene(_) => return Ok(vec![MATERIALS.into()]),
         Kind::Image(extension) => extension,
     };
@@ -136,6 +172,143 @@ fn sound(kind: Kind) -> anyhow::Result<Vec<Vec<u8>>> {
         "tga" => vec![encoded(&rgba, ImageFormat::Tga)?, encoded(&rgba.to_luma8().into(), ImageFormat::Tga)?],
         _ => vec![encoded(&rgba, ImageFormat::Bmp)?, encoded(&rgba.to_rgb8().into(), ImageFormat::Bmp)?],
     })
+}
+
+/// PLY files in all encodings.
+fn plys() -> Vec<Vec<u8>> {
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let mut text = format!("ply\nformat ascii 1.0\n{PLY}");
+    for [x, y] in corners {
+        text += &format!("{x} {y} 1 0 0 1 {x} {y} 255 128 0\n");
+    }
+    text += "2 1 2\n0 4 0 1 2 3\n1 3 0 1 2\n6 0 1 2 -1 3 2\n";
+    let mut files = vec![text.into_bytes()];
+    for is_big in [false, true] {
+        let start = |elements| {
+            let order = if is_big { "big" } else { "little" };
+            format!("ply\nformat binary_{order}_endian 1.0\n{elements}").into_bytes()
+        };
+        let put = |bytes: &mut Vec<u8>, number: &[u8]| match is_big {
+            true => bytes.extend(number.iter().rev()),
+            false => bytes.extend(number),
+        };
+        let (mut whole, mut plain) = (start(PLY), start(PLAIN_PLY));
+        for [x, y] in corners {
+            put(&mut whole, &f32::to_le_bytes(x));
+            put(&mut whole, &f64::from(y).to_le_bytes());
+            put(&mut whole, &1_i16.to_le_bytes());
+            [0.0, 0.0, 1.0, x, y].iter().for_each(|value| put(&mut whole, &f32::to_le_bytes(*value)));
+            whole.extend([255, 128, 0]);
+            [x, y, 0.0].iter().for_each(|value| put(&mut plain, &f32::to_le_bytes(*value)));
+        }
+        whole.push(1);
+        put(&mut whole, &2_f32.to_le_bytes());
+        for face in [&[0, 1, 2, 3][..], &[0, 1, 2]] {
+            whole.push(0);
+            put(&mut whole, &(face.len() as u16).to_le_bytes());
+            face.iter().for_each(|corner| put(&mut whole, &i32::to_le_bytes(*corner)));
+        }
+        [6, 0, 1, 2, -1, 3, 2].iter().for_each(|number| put(&mut whole, &i32::to_le_bytes(*number)));
+        for face in [[0, 1, 2], [0, 2, 3]] {
+            plain.push(3);
+            face.iter().for_each(|corner| put(&mut plain, &i32::to_le_bytes(*corner)));
+        }
+        files.extend([whole, plain]);
+    }
+    files
+}
+
+/// A glTF document and its buffer, whose URI is that.
+fn gltf(uri: Option<&str>) -> (String, Vec<u8>) {
+    let floats = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    let square = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0];
+    let shorts = |values: &[u16]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    let parts = [
+        floats(&square),
+        floats(&[0.0, 0.0, 1.0].repeat(4)),
+        floats(&[0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0]),
+        vec![255; 16],
+        shorts(&[0, 1, 2, 0, 2, 3]),
+        shorts(&[3, 0]),
+        floats(&[0.0, 2.0, 0.0]),
+        floats(&[0.0, 0.0, 0.0, 3.0, 0.0, 0.0]),
+    ];
+    let mut buffer = Vec::new();
+    let mut views = Vec::new();
+    for part in &parts {
+        views.push(serde_json::json!({ "buffer": 0, "byteOffset": buffer.len(), "byteLength": part.len() }));
+        buffer.extend(part);
+    }
+    let accessor = |view: usize, component: u32, kind: &str, count: usize| serde_json::json!({ "bufferView": view, "componentType": component, "type": kind, "count": count });
+    let mut accessors = vec![
+        accessor(0, 5126, "VEC3", 4),
+        accessor(1, 5126, "VEC3", 4),
+        accessor(2, 5126, "VEC2", 4),
+        accessor(3, 5121, "VEC4", 4),
+        accessor(4, 5123, "SCALAR", 6),
+        accessor(7, 5126, "VEC3", 2),
+    ];
+    accessors[0]["sparse"] = serde_json::json!({
+        "count": 1, "indices": { "bufferView": 5, "componentType": 5123 }, "values": { "bufferView": 6 }
+    });
+    accessors[3]["normalized"] = true.into();
+    let encoded = base64::Engine::encode(&base64::prelude::BASE64_STANDARD, &buffer);
+    let data = format!("data:application/octet-stream;base64,{encoded}");
+    let mut document = serde_json::json!({
+        "asset": { "version": "2.0" },
+        "extensionsUsed": ["KHR_lights_punctual", "KHR_texture_transform", "EXT_mesh_gpu_instancing"],
+        "scene": 0,
+        "scenes": [{ "nodes": [0, 2] }],
+        "nodes": [
+            { "children": [1], "rotation": [0, 0, 0, 1], "scale": [1, 2, -1], "translation": [0, 0, 1] },
+            {
+                "mesh": 0, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
+                "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 5 } } }
+            },
+            { "camera": 0, "extensions": { "KHR_lights_punctual": { "light": 0 } } }
+        ],
+        "cameras": [{ "type": "perspective", "perspective": { "yfov": 0.7, "aspectRatio": 1.5, "znear": 0.1 } }],
+        "meshes": [{ "primitives": [
+            { "attributes": { "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2, "COLOR_0": 3 }, "indices": 4, "material": 0 },
+            { "attributes": { "POSITION": 0 }, "mode": 5, "material": 1 }
+        ] }],
+        "materials": [
+            {
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": [1, 0.5, 0.5, 0.5], "metallicFactor": 0.5, "roughnessFactor": 0.4,
+                    "baseColorTexture": {
+                        "index": 0, "extensions": { "KHR_texture_transform": { "offset": [0.5, 0], "rotation": 0.3 } }
+                    }
+                },
+                "normalTexture": { "index": 0, "scale": 0.5 }, "alphaMode": "MASK", "alphaCutoff": 0.4,
+                "emissiveFactor": [1, 1, 0], "emissiveTexture": { "index": 0 }
+            },
+            { "extensions": {
+                "KHR_materials_transmission": { "transmissionFactor": 0.5 }, "KHR_materials_ior": { "ior": 1.4 },
+                "KHR_materials_clearcoat": { "clearcoatFactor": 1 }, "KHR_materials_volume": { "thicknessFactor": 1 },
+                "KHR_materials_anisotropy": { "anisotropyStrength": 0.5 }
+            } }
+        ],
+        "textures": [{ "source": 0, "sampler": 0 }],
+        "samplers": [{ "magFilter": 9728, "wrapS": 33071 }],
+        "images": [{ "uri": "t.png" }],
+        "extensions": { "KHR_lights_punctual": { "lights": [{ "type": "spot", "intensity": 3, "spot": {} }] } }
+    });
+    document["accessors"] = accessors.into();
+    document["bufferViews"] = views.into();
+    document["buffers"] = serde_json::json!([{ "byteLength": buffer.len(), "uri": uri.unwrap_or(&data) }]);
+    (document.to_string(), buffer)
+}
+
+/// A glTF document and its buffer in one file.
+fn glb() -> Vec<u8> {
+    let (json, binary) = gltf(Some(""));
+    let mut json = json.replace(",\"uri\":\"\"", "").into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let word = |value: usize| (value as u32).to_le_bytes();
+    let length = 28 + json.len() + binary.len();
+    [b"glTF", &word(2)[..], &word(length), &word(json.len()), b"JSON", &json, &word(binary.len()), b"BIN\0", &binary]
+        .concat()
 }
 
 /// An EXR of two groups of channels in tiles.
@@ -244,7 +417,8 @@ struct Loading {
 
 fn load(kind: Kind, file: &Path, folder: &Path, bytes: &[u8]) {
     match kind {
-        Kind::Scene(_) => drop(Scene::load(&folder.join("s.toml"))),
+        Kind::Scene("m.obj" | "m.mtl") => drop(Scene::load(&folder.join("s.toml"))),
+        Kind::Scene(name) => drop(Scene::load(&folder.join(name))),
         Kind::Image(_) => {
             if let Ok(texels) = decode_texels(file, bytes, Encoding::Srgb) {
                 assert_eq!(texels.rgba.len() as u64, u64::from(texels.width) * u64::from(texels.height));
@@ -260,8 +434,8 @@ fn main() -> anyhow::Result<()> {
     let corpus: Vec<(Kind, Vec<Vec<u8>>)> =
         kinds.iter().map(|kind| Ok((*kind, sound(*kind)?))).collect::<anyhow::Result<_>>()?;
     let scene = [("s.toml", SCENE.as_bytes()), ("m.obj", MESH.as_bytes()), ("m.mtl", MATERIALS.as_bytes())];
-    let pixel = sound(Kind::Image("png"))?;
-    let scene: Vec<_> = scene.into_iter().chain([("t.png", &pixel[0][..])]).collect();
+    let (pixel, ply) = (sound(Kind::Image("png"))?, plys());
+    let scene: Vec<_> = scene.into_iter().chain([("t.png", &pixel[0][..]), ("m.ply", &ply[0])]).collect();
     for (name, contents) in &scene {
         fs::write(folder.join(name), contents)?;
     }
@@ -281,6 +455,15 @@ fn main() -> anyhow::Result<()> {
             }
         }
     });
+    // What is sound loads, so that damage reaches all of a loader.
+    for (kind, files) in &corpus {
+        if let Kind::Scene(name @ ("m.ply" | "m.gltf" | "m.glb" | "s.xml")) = kind {
+            for bytes in files {
+                fs::write(folder.join(name), bytes)?;
+                Scene::load(&folder.join(name))?;
+            }
+        }
+    }
     std::panic::set_hook(Box::new(|panic| eprintln!("{panic}")));
 
     let mut random = Random(seed);

@@ -131,10 +131,15 @@ impl<'a> Sources<'a> {
 
     /// Notes one of a kind, of which there may be many.
     pub fn note(&mut self, warning: &Warning) {
+        self.note_first(warning, 1);
+    }
+
+    /// Notes so many of a kind, of which this is the first.
+    pub fn note_first(&mut self, warning: &Warning, count: usize) {
         let Warning { kind, location, text } = warning;
         match self.warnings.iter_mut().find(|(_, known, _)| *known == Some(kind)) {
-            Some((_, _, count)) => *count += 1,
-            None => self.warnings.push((format!("{location}: {text}"), Some(kind), 1)),
+            Some((_, _, known)) => *known += count,
+            None => self.warnings.push((format!("{location}: {text}"), Some(kind), count)),
         }
     }
 

@@ -1,6 +1,9 @@
 //! Lines, statements and numbers of the text formats, OBJ and MTL above all.
 
-use std::{borrow::Cow, path::PathBuf};
+use std::{borrow::Cow, mem, path::PathBuf};
+
+use memchr::{memchr, memchr_iter, memchr2, memrchr};
+use rayon::prelude::*;
 
 /// Where the bytes of text that is no UTF-8 stand among characters: byte `b` is the character `ESCAPES + b`. They are in a
 /// plane for private use.
@@ -67,22 +70,90 @@ pub(super) fn foreign(bytes: &[u8]) -> Option<&'static str> {
 /// A comment begins at a `#` that opens a line or follows white space, so that names may hold one. Lines end in a line feed,
 /// with or without a carriage return, or all in a carriage return.
 pub(super) fn statements(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let end = if text.contains('\n') { '\n' } else { '\r' };
-    let mut lines = text.split(end).enumerate();
-    std::iter::from_fn(move || {
-        while let Some((index, line)) = lines.next() {
-            let mut statement = Cow::Borrowed(without_comment(line).trim());
-            while let Some(head) = statement.strip_suffix('\\') {
-                let tail = lines.next().map_or("", |(_, line)| without_comment(line));
-                statement = Cow::Owned(format!("{head} {}", tail.trim()));
-            }
-            if !statement.is_empty() {
-                return Some((index + 1, statement));
+    Part::whole(text).statements()
+}
+
+/// A text, or whole lines of it that begin and end with statements.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Part<'a> {
+    text: &'a str,
+    /// What its lines end in.
+    line_end: u8,
+    /// The number of its first line.
+    first_line: usize,
+}
+
+impl<'a> Part<'a> {
+    fn whole(text: &'a str) -> Self {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let line_end = if memchr(b'\n', text.as_bytes()).is_some() { b'\n' } else { b'\r' };
+        Self { text, line_end, first_line: 1 }
+    }
+
+    /// The parts of a text, of about so many bytes each.
+    pub fn split(text: &'a str, size: usize) -> Vec<Self> {
+        let mut rest = Self::whole(text);
+        let mut parts = Vec::new();
+        while let Some(end) = rest.statement_end(size) {
+            let (text, after) = rest.text.split_at(end);
+            parts.push(Self { text, ..rest });
+            rest.text = after;
+        }
+        parts.push(rest);
+        let lines: Vec<usize> =
+            parts.par_iter().map(|part| memchr_iter(part.line_end, part.text.as_bytes()).count()).collect();
+        let mut first_line = 1;
+        for (part, lines) in parts.iter_mut().zip(lines) {
+            part.first_line = first_line;
+            first_line += lines;
+        }
+        parts
+    }
+
+    /// The end of a statement that is not its last, so many bytes from its start or behind that.
+    fn statement_end(&self, from: usize) -> Option<usize> {
+        let bytes = self.text.as_bytes();
+        let mut at = from;
+        while let Some(length) = memchr(self.line_end, bytes.get(at..)?) {
+            let end = at + length;
+            let start = memrchr(self.line_end, &bytes[..end]).map_or(0, |end| end + 1);
+            at = end + 1;
+            // Behind a backslash the next line may belong to the statement.
+            if !bytes[start..end].contains(&b'\\') {
+                return Some(at);
             }
         }
         None
-    })
+    }
+
+    /// Its statements, as [`statements`] says.
+    pub fn statements(self) -> impl Iterator<Item = (usize, Cow<'a, str>)> {
+        let mut start = 0;
+        let ends = memchr_iter(self.line_end, self.text.as_bytes()).chain([self.text.len()]);
+        let lines = ends.map(move |end| &self.text[mem::replace(&mut start, end + 1)..end]);
+        let mut lines = (self.first_line..).zip(lines);
+        // As nearly all of a large file is.
+        let is_plain = memchr2(b'#', b'\\', self.text.as_bytes()).is_none();
+        std::iter::from_fn(move || {
+            while let Some((number, line)) = lines.next() {
+                if is_plain {
+                    match line.trim() {
+                        "" => continue,
+                        line => return Some((number, Cow::Borrowed(line))),
+                    }
+                }
+                let mut statement = Cow::Borrowed(without_comment(line).trim());
+                while let Some(head) = statement.strip_suffix('\\') {
+                    let tail = lines.next().map_or("", |(_, line)| without_comment(line));
+                    statement = Cow::Owned(format!("{head} {}", tail.trim()));
+                }
+                if !statement.is_empty() {
+                    return Some((number, statement));
+                }
+            }
+            None
+        })
+    }
 }
 
 fn without_comment(line: &str) -> &str {
@@ -93,8 +164,33 @@ fn without_comment(line: &str) -> &str {
 
 /// Splits a statement into its keyword and the rest, both trimmed.
 pub(super) fn keyword(statement: &str) -> (&str, &str) {
-    let (keyword, rest) = statement.split_once(char::is_whitespace).unwrap_or((statement, ""));
+    let (keyword, rest) = statement.split_at(find_space(statement, true).unwrap_or(statement.len()));
     (keyword, rest.trim())
+}
+
+/// The words of a text, as `str::split_whitespace` has them, and faster where they are short and in ASCII.
+pub(super) fn words(text: &str) -> impl Iterator<Item = &str> {
+    let mut rest = text;
+    std::iter::from_fn(move || {
+        let from_word = &rest[find_space(rest, false)?..];
+        let (word, after) = from_word.split_at(find_space(from_word, true).unwrap_or(from_word.len()));
+        rest = after;
+        Some(word)
+    })
+}
+
+/// The place of the first character that is white space, or of the first one that is none.
+fn find_space(text: &str, is_space: bool) -> Option<usize> {
+    for (place, byte) in text.bytes().enumerate() {
+        if !byte.is_ascii() {
+            let rest = text[place..].find(|c: char| c.is_whitespace() == is_space)?;
+            return Some(place + rest);
+        }
+        if char::from(byte).is_whitespace() == is_space {
+            return Some(place);
+        }
+    }
+    None
 }
 
 /// A name with every run of white space made one blank, as it is compared everywhere.
@@ -178,6 +274,34 @@ mod tests {
             let found: Vec<_> = statements(text).map(|(line, text)| (line, text.into_owned())).collect();
             assert_eq!(found, [(1, "a 1".to_owned()), (3, "b 2".to_owned())], "{text:?}");
         }
+    }
+
+    #[test]
+    fn parts_have_the_statements_of_the_whole() {
+        let lines =
+            ["v 1 2 3", "", "# a \\", "f 1 \\", " 2 \\", "", "\\", "\\\\", "g \u{feff}\u{e9} # b", "\\ # c", "a\\b"];
+        for end in ["\n", "\r\n", "\r"] {
+            for rotation in 0..lines.len() {
+                let mut lines = lines;
+                lines.rotate_left(rotation);
+                let text = "\u{feff}".to_owned() + &lines.join(end);
+                let whole: Vec<_> = statements(&text).collect();
+                for size in 0..text.len() {
+                    let parts: Vec<_> = Part::split(&text, size).into_iter().flat_map(Part::statements).collect();
+                    assert_eq!(parts, whole, "{text:?} {size}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn words_are_those_of_the_standard_library() {
+        for text in
+            ["", " ", "a", " a  bc ", "\u{a0}a\u{3000}b c\u{85}", "é\tü\u{b}x\u{c}", "\u{200b} 1\u{2028}2", "1\u{1c}2"]
+        {
+            assert!(words(text).eq(text.split_whitespace()), "{text:?}");
+        }
+        assert_eq!(keyword("v\u{3000} 1 2 "), ("v", "1 2"));
     }
 
     #[test]

@@ -124,7 +124,11 @@ fn ply_is_the_same_mesh_in_all_encodings() {
         assert_eq!(scene.materials[0].name, "square");
         assert_warns(scene, "the property `neighbours` of `vertex` is not shown (the first of 2)");
         assert_warns(scene, "elements `camera` are not shown");
+        assert_warns(scene, "square.ply: colours of vertices are not shown");
     }
+    // White multiplies nothing.
+    let white = String::from_utf8(ply_text()).unwrap().replace("255 0 188", "255 255 255");
+    assert!(!warns(&load("white.ply", white).unwrap(), "colours"));
 }
 
 #[test]
@@ -153,6 +157,12 @@ fn binary_ply_of_triangles_alone_is_the_same_mesh() {
     let [a, b] = [false, true].map(|big| corners(&load("m.ply", binary(big, faces)).unwrap()));
     assert_eq!(a, b);
     assert_eq!(a, faces.map(|face| face.map(|index| SQUARE[index as usize]).map(|[x, y]| dvec3(x, y, 0.0))));
+    // The second vertex has no x.
+    let mut bad = binary(false, [[0, 2, 3], [0, 1, 2]]);
+    let vertices = bad.windows(10).position(|window| window == b"end_header").unwrap() + 11;
+    bad[vertices + 12..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    let error = load("m.ply", &bad).unwrap_err().to_string();
+    assert!(error.ends_with("m.ply: vertex 1, counted from 0, is not finite; correct or remove it"), "{error}");
     let error = load("m.ply", binary(true, [[0, 1, 2], [0, -2, 7]])).unwrap_err().to_string();
     assert!(error.ends_with("m.ply: vertex index -2 is out of range; the file has 4, counted from 0"), "{error}");
 }

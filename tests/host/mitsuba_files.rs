@@ -228,6 +228,33 @@ fn groups_are_seen_where_they_are_placed() {
     assert!(low.abs_diff_eq(dvec3(0.0, -3.0, 0.0), 1e-12) && high.abs_diff_eq(dvec3(6.0, 3.0, 0.0), 1e-12));
 }
 
+#[test]
+fn ply_meshes_are_as_mitsuba_has_them() {
+    let mesh = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property float u\nproperty float v\nproperty float red\nproperty float green\nproperty float blue\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0 0 0.25 1 0 0\n1 0 0 1 0.25 1 0 0\n0 1 0 0 0.75 1 0 0\n3 0 1 2\n";
+    let scene = |more: &str| {
+        let text = format!(
+            "<scene version='3.0.0'><shape type='ply'><string name='filename' value='m.ply'/>{more}\
+             <bsdf type='diffuse'><texture name='reflectance' type='checkerboard'/></bsdf>\
+             <transform name='to_world'><translate x='1'/></transform></shape></scene>"
+        );
+        let files: &[(&str, &[u8])] = &[("s.xml", text.as_bytes()), ("m.ply", mesh)];
+        load_with(files, &LoadOptions::default()).unwrap()
+    };
+    let corner = |scene: &Scene, corner: usize| scene.mesh.uvs[scene.mesh.triangles[0].uvs[corner] as usize];
+    let plain = scene("");
+    assert_eq!(plain.mesh.positions[0], DVec3::X);
+    assert_eq!((corner(&plain, 0), corner(&plain, 2)), (Vec2::new(0.0, 0.25), Vec2::new(0.0, 0.75)));
+    assert_ne!(plain.mesh.triangles[0].normals[0], raywave::scene::NONE);
+    // In Mitsuba a texture shows colours of vertices, or nothing does.
+    assert!(!warns(&plain, "colours"), "{:?}", plain.warnings);
+    let turned = scene("<boolean name='flip_tex_coords' value='true'/><boolean name='face_normals' value='true'/>");
+    assert_eq!(corner(&turned, 0), Vec2::new(0.0, 0.75));
+    assert_eq!(turned.mesh.triangles[0].normals[0], raywave::scene::NONE);
+}
+
 // BSDFs and textures
 
 #[test]

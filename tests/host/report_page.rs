@@ -148,6 +148,7 @@ fn reference_file() -> std::path::PathBuf {
 fn example_of_a_sweep() -> TradeoffReport {
     let sweep = Sweep {
         scene: String::new(),
+        load_flags: String::new(),
         budget_seconds: 120.0,
         rounds: 5,
         fixed_samples: false,

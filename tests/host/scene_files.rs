@@ -4,9 +4,9 @@
 use std::{f64::consts::FRAC_1_SQRT_2, fs, io::Cursor, path::PathBuf};
 
 use crate::project::project_file;
-use glam::{DMat3, DVec3, Vec2, Vec3, dvec2, dvec3, vec2, vec3};
+use glam::{Affine2, DMat3, DVec3, Vec2, Vec3, dvec2, dvec3, vec2, vec3};
 use proptest::prelude::*;
-use raywave::scene::{Environment, Material, NONE, Parameter, Scene, SceneError, Surface};
+use raywave::scene::{Environment, Material, NONE, Parameter, Scene, SceneError, Surface, Wrap};
 use raywave::settings::Integrator;
 use raywave_studies::gallery::generate_gallery;
 use tempfile::TempDir;
@@ -523,7 +523,8 @@ fn image_names_come_with_blanks_slashes_and_options() {
     ] {
         let scene = textured(&format!("newmtl a\nmap_Kd {written}\n"), name, &image);
         assert_eq!(scene.textures.len(), 1);
-        assert_eq!(warns(&scene, "-clamp of map_Kd is not shown"), written.contains("-clamp on"));
+        let wrap = if written.contains("-clamp on") { Wrap::Clamp } else { Wrap::Repeat };
+        assert_eq!(scene.textures[0].lookup.wrap, wrap);
         assert_eq!(warns(&scene, "the option -blendu of map_Kd is ignored"), written.contains("-blendu"));
     }
 }
@@ -989,8 +990,48 @@ fn lines_may_end_in_carriage_returns_alone() {
 fn images_lie_where_the_options_say() {
     let image = png(1, 1, &[[255; 3]]);
     let scene = textured("newmtl a\nmap_Kd -s 2 3 1 -o 0.5 t.png\n", "t.png", &image);
-    let uvs = scene.mesh.triangles[0].uvs.map(|index| scene.mesh.uvs[index as usize]);
-    assert_eq!(uvs, [vec2(0.5, 0.0), vec2(2.5, 0.0), vec2(0.5, 3.0)]);
+    let transform = scene.textures[0].lookup.transform;
+    assert_eq!(transform, Affine2::from_scale_angle_translation(vec2(2.0, 3.0), 0.0, vec2(0.5, 0.0)));
+}
+
+#[test]
+fn large_files_mean_what_small_ones_do() {
+    // Of several megabytes, so that parts of it are read apart.
+    const COUNT: usize = 120_000;
+    let mut obj = String::from("mtllib none.mtl\nv 9 9 9\n");
+    for index in 0..COUNT {
+        let material = ["a", "b", "a", "c"][index * 4 / COUNT];
+        if index % (COUNT / 8) == 0 {
+            obj += &format!("usemtl {material}\n");
+        }
+        let (x, y) = (index % 400, index / 400);
+        obj += &format!("v {x} {y} 0\nv {}.5 {y} 0\nv {x} {y}.5 0\nf -3 \\\n -2 -1\n", x);
+        if index % 1000 == 999 {
+            obj += "f 1 2\nf 1 2/7 3\n";
+        }
+    }
+    let scene = Folder::new(&[("m.obj", &obj)]).load("m.obj").unwrap();
+    assert_eq!(scene.materials.iter().map(|material| &material.name[..]).collect::<Vec<_>>(), ["a", "b", "c"]);
+    let own: Vec<_> = scene.mesh.triangles.iter().filter(|triangle| !triangle.positions.contains(&0)).collect();
+    assert_eq!(own.len(), COUNT);
+    for (index, triangle) in own.iter().enumerate() {
+        let first = 1 + 3 * index as u32;
+        assert_eq!(triangle.positions, [first, first + 1, first + 2]);
+        assert_eq!(triangle.material, [0, 1, 0, 2][index * 4 / COUNT]);
+        let corner = scene.mesh.positions[first as usize];
+        assert_eq!(corner, dvec3((index % 400) as f64, (index / 400) as f64, 0.0));
+    }
+    assert!(warns(&scene, "m.obj:5004: a face with 2 corners is left out; give 3 or more (the first of 120)"));
+    assert!(warns(&scene, "m.obj:5005: texture coordinate index 7 is out of range"));
+
+    // The first error is told, of vertices before faces, with its line.
+    let lines = obj.lines().count();
+    let wrong = format!("{obj}f 1 2 0\n{obj}f 1 2 x\n");
+    let error = Folder::new(&[("m.obj", &wrong)]).load("m.obj").unwrap_err().to_string();
+    assert!(error.contains(&format!("m.obj:{}: vertex index 0", lines + 1)), "{error}");
+    let error =
+        Folder::new(&[("m.obj", format!("{wrong}v 1 y 2\n{obj}v z 1 2\n"))]).load("m.obj").unwrap_err().to_string();
+    assert!(error.contains(&format!("m.obj:{}: `y` is not a number", 2 * lines + 3)), "{error}");
 }
 
 #[test]

@@ -228,6 +228,17 @@ impl LoadArguments {
             lenient: self.lenient,
         }
     }
+
+    /// The flags that give these arguments, for a shell.
+    fn flags(&self) -> String {
+        let camera = self.camera.as_ref().map(|camera| format!("--camera={camera}"));
+        let up = self.up.map(|Direction([x, y, z])| format!("--up={x},{y},{z}"));
+        let switch = |flag: &str, is_given: bool| is_given.then(|| flag.to_owned());
+        let rest = [switch("--allow-outside", self.allow_outside), switch("--lenient", self.lenient)];
+        let words: Vec<String> = [camera, up].into_iter().chain(rest).flatten().collect();
+        // No argument has a zero byte in it, the only one that shells cannot be given.
+        shlex::try_join(words.iter().map(String::as_str)).unwrap_or_default()
+    }
 }
 
 /// A direction of any length.

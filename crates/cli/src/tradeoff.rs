@@ -77,6 +77,7 @@ pub struct TradeoffArguments {
 pub fn sweep(arguments: &TradeoffArguments) -> Sweep {
     Sweep {
         scene: arguments.scene.clone().unwrap_or_default(),
+        load_flags: arguments.picture.load.flags(),
         budget_seconds: arguments.budget,
         rounds: arguments.rounds,
         fixed_samples: arguments.picture.has_samples(),
@@ -167,7 +168,28 @@ pub(super) fn duration(text: &str) -> Result<f64, String> {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+
+    #[test]
+    fn commands_load_the_scene_as_it_was_loaded() {
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            tradeoff: TradeoffArguments,
+        }
+        let flags = |words: &[&str]| {
+            let line = Line::try_parse_from(["tradeoff"].iter().chain(words)).expect("it is a command line");
+            sweep(&line.tradeoff).load_flags
+        };
+        assert_eq!(flags(&["s.glb"]), "");
+        let words = ["s.glb", "--camera", "from above", "--up", "-1,0,0.5", "--lenient", "--allow-outside"];
+        let written = flags(&words);
+        assert_eq!(written, "'--camera=from above' --up=-1,0,0.5 --allow-outside --lenient");
+        let again: Vec<String> = shlex::split(&written).expect("a shell takes it");
+        assert_eq!(flags(&again.iter().map(String::as_str).collect::<Vec<_>>()), written);
+    }
 
     #[test]
     fn times_have_units() {

@@ -10,7 +10,7 @@ use crate::scene::{
     Mesh, NONE, Triangle,
     error::SceneError,
     import::{self, FARTHEST, Instance},
-    sources::Sources,
+    sources::{Sources, Warning},
 };
 
 impl Mesh {
@@ -35,6 +35,12 @@ impl Mesh {
             }
         }
 
+        let is_coloured = |triangle: &Triangle| triangle.positions.iter().any(|index| !imported.is_white(*index));
+        if imported.triangles.par_iter().any(is_coloured) {
+            let text = "colours of vertices are not shown; give the material an image".to_owned();
+            sources.note(&Warning { kind: "vertex colours", location: imported.location.clone(), text });
+        }
+
         // Before memory is taken for so many.
         let with = |known: usize, own: usize| own.checked_mul(instances.len()).and_then(|own| own.checked_add(known));
         let counts = [
@@ -54,15 +60,17 @@ impl Mesh {
             self.uvs.extend(&imported.uvs);
         }
         let mut without_area = 0;
-        let count = imported.triangles.len();
         let mut rest = instances;
         while let [Instance { transform, is_mirrored, .. }, others @ ..] = rest {
             rest = others;
+            // The last instance has the vertices and triangles themselves: of large meshes there is mostly one.
+            let is_last = rest.is_empty();
             let first_position = self.positions.len();
-            self.positions.par_extend(imported.positions.par_iter().map(|point| transform.point(*point)));
+            let mut points = if is_last { mem::take(&mut imported.positions) } else { imported.positions.clone() };
+            points.par_iter_mut().for_each(|point| *point = transform.point(*point));
             // Written so that NaN is too far as well.
             let is_near = |point: &DVec3| point.abs().cmple(DVec3::splat(FARTHEST)).all();
-            if !self.positions[first_position..].par_iter().all(is_near) {
+            if !points.par_iter().all(is_near) {
                 let problem = format!("a vertex lands beyond {FARTHEST:e}; scale the mesh down");
                 return Err(imported.location.refuse(problem));
             }
@@ -73,12 +81,10 @@ impl Mesh {
                 normals.push(normal.map_or(NONE, |_| self.normals.len() as u32));
                 self.normals.extend(normal);
             }
-            let placed = &self.positions[first_position..];
             let has_area = |triangle: &Triangle| {
-                let [a, b, c] = triangle.positions.map(|index| placed[index as usize]);
+                let [a, b, c] = triangle.positions.map(|index| points[index as usize]);
                 !is_degenerate(a, b, c)
             };
-            let have_area: Vec<bool> = imported.triangles.par_iter().map(has_area).collect();
             let place = |triangle: &Triangle| {
                 let (material, needs_uvs) =
                     made[triangle.material as usize][usize::from(triangle.uvs[0] != NONE)].unwrap_or_default();
@@ -100,19 +106,31 @@ impl Mesh {
                 }
                 placed
             };
-            // The last instance has the triangles themselves: of large meshes there is mostly one.
-            let is_last = rest.is_empty();
             let mut triangles = if is_last { mem::take(&mut imported.triangles) } else { imported.triangles.clone() };
-            triangles.par_iter_mut().for_each(|triangle| *triangle = place(triangle));
-            let mut have_area = have_area.into_iter();
-            triangles.retain(|_| have_area.next().unwrap_or_default());
-            without_area += count - triangles.len();
-            match self.triangles.is_empty() {
-                true => self.triangles = triangles,
-                false => self.triangles.append(&mut triangles),
+            let place = |triangle: &mut Triangle| {
+                let has_area = has_area(triangle);
+                *triangle = place(triangle);
+                // Marks what goes.
+                triangle.material = if has_area { triangle.material } else { NONE };
+                usize::from(!has_area)
+            };
+            let count: usize = triangles.par_iter_mut().map(place).sum();
+            if count > 0 {
+                triangles.retain(|triangle| triangle.material != NONE);
             }
+            without_area += count;
+            append(&mut self.positions, points);
+            append(&mut self.triangles, triangles);
         }
         Ok(without_area)
+    }
+}
+
+/// Adds to a list what a large one need not be copied for.
+fn append<T>(list: &mut Vec<T>, mut more: Vec<T>) {
+    match list.is_empty() {
+        true => *list = more,
+        false => list.append(&mut more),
     }
 }
 

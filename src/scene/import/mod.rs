@@ -66,6 +66,13 @@ pub(super) struct Mesh {
     pub triangles: Vec<Triangle>,
 }
 
+impl Mesh {
+    /// Whether the colour at a position multiplies nothing.
+    pub fn is_white(&self, position: u32) -> bool {
+        self.colours.get(position as usize).is_none_or(|colour| *colour == Vec3::ONE)
+    }
+}
+
 /// A mesh, by its index in [`Import::meshes`], in its place in the world.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Instance {

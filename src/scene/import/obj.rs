@@ -7,6 +7,7 @@ use std::{
 };
 
 use glam::{DVec3, Vec2};
+use rayon::prelude::*;
 
 use super::{
     Import, Material, Mesh,
@@ -17,11 +18,20 @@ use crate::scene::{
     NONE, Triangle,
     error::{Location, SceneError},
     sources::{Sources, Warning},
-    text::{decode, excerpt, file_name, foreign, keyword, name, number, statements},
+    text::{Part, decode, excerpt, file_name, foreign, keyword, name, number, words},
 };
 
 /// The material name of faces before any `usemtl`.
 const UNNAMED: &str = "default";
+
+/// Bytes of a part of a file. Parts are read in parallel.
+const PART_SIZE: usize = 1 << 20;
+
+/// How many parts are read before what they say is put together: few, so that memory is used again, and enough for all threads
+/// to end at about the same time.
+fn wave() -> usize {
+    8 * rayon::current_num_threads()
+}
 
 /// Imports OBJ files of one scene, which may share MTL libraries.
 #[derive(Debug, Default)]
@@ -132,12 +142,12 @@ fn read(
         return Err(location.refuse(format!("not an OBJ file but {what}")));
     }
     let text = decode(&bytes);
-    let mut notes = Notes { path, sources };
-    let vertices = read_vertices(&text, &mut notes).map_err(refuse)?;
+    let parts = Part::split(&text, PART_SIZE);
+    let (vertices, above) = read_vertices(&parts, path, sources).map_err(refuse)?;
     if vertices.counts().iter().any(|&count| count >= NONE as usize) {
         return Err(location.refuse("more vertices than 32-bit indices reach; split the mesh"));
     }
-    let mut faces = read_faces(&text, &vertices, first_material, &mut notes).map_err(refuse)?;
+    let mut faces = read_faces(&parts, &above, &vertices, first_material, path, sources).map_err(refuse)?;
     let triangles = std::mem::take(&mut faces.triangles);
     if triangles.is_empty() {
         return Err(location.refuse("no faces; export the mesh with its polygons"));
@@ -156,15 +166,22 @@ fn library_paths(obj: &Path, names: &str, sources: &Sources) -> Vec<PathBuf> {
     names.split_whitespace().map(|word| folder.join(file_name(word))).collect()
 }
 
-/// Notes what a file says that is left out.
-struct Notes<'a, 'b> {
-    path: &'a Path,
-    sources: &'a mut Sources<'b>,
-}
+/// What a part of a file says that is left out: of each kind the first, and how many there are.
+#[derive(Debug, Default)]
+struct Notes(Vec<(&'static str, usize, String, usize)>);
 
-impl Notes<'_, '_> {
+impl Notes {
     fn note(&mut self, kind: &'static str, line: usize, text: impl Into<String>) {
-        self.sources.note(&Warning { kind, location: Location::line(self.path, line), text: text.into() });
+        match self.0.iter_mut().find(|(known, ..)| *known == kind) {
+            Some((.., count)) => *count += 1,
+            None => self.0.push((kind, line, text.into(), 1)),
+        }
+    }
+
+    fn tell(self, path: &Path, sources: &mut Sources) {
+        for (kind, line, text, count) in self.0 {
+            sources.note_first(&Warning { kind, location: Location::line(path, line), text }, count);
+        }
     }
 }
 
@@ -192,22 +209,69 @@ impl Vertices {
     fn counts(&self) -> Counts {
         [self.positions.len(), self.uvs.len(), self.normals.len()]
     }
+
+    /// Adds those that stand below.
+    fn append(&mut self, mut below: Self) {
+        let [positions, others @ ..] = self.counts();
+        let bad_positions = below.bad_positions.into_iter();
+        self.bad_positions.extend(bad_positions.map(|(place, fault)| (positions as u32 + place, fault)));
+        for (kind, above) in others.into_iter().enumerate() {
+            self.bad[kind].extend(below.bad[kind].iter().map(|place| above as u32 + place));
+        }
+        self.positions.append(&mut below.positions);
+        self.uvs.append(&mut below.uvs);
+        self.normals.append(&mut below.normals);
+    }
 }
 
-/// Reads all vertices, since faces may point ahead.
-fn read_vertices(text: &str, notes: &mut Notes<'_, '_>) -> Result<Vertices, Fault> {
+/// The name of a `usemtl`, and its line.
+type UseMaterial = (String, Option<usize>);
+
+/// What counts of all that stands above a part of a file.
+#[derive(Debug, Clone)]
+struct Above {
+    counts: Counts,
+    usemtl: UseMaterial,
+}
+
+/// Reads all vertices, since faces may point ahead. Returns what stands above each part too.
+fn read_vertices(parts: &[Part], path: &Path, sources: &mut Sources) -> Result<(Vertices, Vec<Above>), Fault> {
     let mut vertices = Vertices::default();
-    for (line, statement) in statements(text) {
+    let mut usemtl = (UNNAMED.to_owned(), None);
+    let mut above = Vec::with_capacity(parts.len());
+    for wave in parts.chunks(wave()) {
+        let read: Vec<_> = wave.par_iter().map(|part| read_vertices_of(*part)).collect();
+        for read in read {
+            let (own, last_usemtl, notes) = read?;
+            above.push(Above { counts: vertices.counts(), usemtl: usemtl.clone() });
+            vertices.append(own);
+            usemtl = last_usemtl.unwrap_or(usemtl);
+            notes.tell(path, sources);
+        }
+    }
+    Ok((vertices, above))
+}
+
+/// Reads the vertices of a part, and its last `usemtl`.
+fn read_vertices_of(part: Part) -> Result<(Vertices, Option<UseMaterial>, Notes), Fault> {
+    let mut vertices = Vertices::default();
+    let mut usemtl = None;
+    let mut notes = Notes::default();
+    for (line, statement) in part.statements() {
         let (key, rest) = keyword(&statement);
         let (kind, needed) = match key {
             "v" => (0, 3),
             "vt" => (1, 2),
             "vn" => (2, 3),
+            "usemtl" => {
+                usemtl = Some((name(rest), Some(line)));
+                continue;
+            }
             _ => continue,
         };
         let mut numbers = [0.0; 3];
         let mut found = 0;
-        let mut words = rest.split_whitespace();
+        let mut words = words(rest);
         for (slot, word) in numbers[..needed].iter_mut().zip(words.by_ref()) {
             *slot = number(word).map_err(|e| (line, format!("{e}; correct the {}", KINDS[kind])))?;
             if kind == 0 && !slot.is_finite() {
@@ -245,7 +309,7 @@ fn read_vertices(text: &str, notes: &mut Notes<'_, '_>) -> Result<Vertices, Faul
             }
         }
     }
-    Ok(vertices)
+    Ok((vertices, usemtl, notes))
 }
 
 /// What all but the vertices say.
@@ -255,28 +319,58 @@ struct Faces {
     /// without.
     libraries: Vec<(usize, String)>,
     /// The materials that faces use, in order of first use, with the line of the `usemtl`.
-    materials: Vec<(String, Option<usize>)>,
+    materials: Vec<UseMaterial>,
     triangles: Vec<Triangle>,
 }
 
 /// Reads faces as triangles. Indices may point ahead: `vertices` are those of the whole file. Materials are counted from
 /// `first_material`.
 fn read_faces(
-    text: &str,
+    parts: &[Part],
+    above: &[Above],
     vertices: &Vertices,
     first_material: usize,
-    notes: &mut Notes<'_, '_>,
+    path: &Path,
+    sources: &mut Sources,
 ) -> Result<Faces, Fault> {
     let mut faces = Faces::default();
+    let mut indices: HashMap<String, u32> = HashMap::new();
+    for (wave, above) in parts.chunks(wave()).zip(above.chunks(wave())) {
+        let read: Vec<_> =
+            wave.par_iter().zip(above).map(|(part, above)| read_faces_of(*part, above.clone(), vertices)).collect();
+        for read in read {
+            let (own, notes) = read?;
+            faces.libraries.extend(own.libraries);
+            let index = |usemtl: UseMaterial| {
+                *indices.entry(usemtl.0.clone()).or_insert_with(|| {
+                    faces.materials.push(usemtl);
+                    (first_material + faces.materials.len() - 1) as u32
+                })
+            };
+            let materials: Vec<u32> = own.materials.into_iter().map(index).collect();
+            let triangles = own.triangles.into_iter();
+            faces.triangles.extend(triangles.map(|triangle| {
+                let material = materials[triangle.material as usize];
+                Triangle { material, ..triangle }
+            }));
+            notes.tell(path, sources);
+        }
+    }
+    Ok(faces)
+}
+
+/// Reads the faces of a part. Its materials are counted from 0.
+fn read_faces_of(part: Part, above: Above, vertices: &Vertices) -> Result<(Faces, Notes), Fault> {
+    let mut faces = Faces::default();
+    let mut notes = Notes::default();
     let mut material_indices: HashMap<String, u32> = HashMap::new();
-    let mut usemtl = (UNNAMED.to_owned(), None);
     // The index of the material of `usemtl`, once a face uses it.
     let mut current_material = None;
     let totals = vertices.counts();
-    let mut so_far = [0; 3];
+    let Above { counts: mut so_far, mut usemtl } = above;
     let mut corners: Vec<[u32; 3]> = Vec::new();
     let mut polygons = Polygons::default();
-    for (line, statement) in statements(text) {
+    for (line, statement) in part.statements() {
         let (key, rest) = keyword(&statement);
         match key {
             "v" => so_far[0] += 1,
@@ -295,7 +389,7 @@ fn read_faces(
             }
             "f" => {
                 corners.clear();
-                for word in rest.split_whitespace() {
+                for word in words(rest) {
                     let mut indices = corner(word, so_far, totals, |problem| {
                         notes.note("index out of range", line, problem);
                     })
@@ -324,7 +418,7 @@ fn read_faces(
                 let material = *current_material.get_or_insert_with(|| {
                     *material_indices.entry(usemtl.0.clone()).or_insert_with(|| {
                         faces.materials.push(usemtl.clone());
-                        (first_material + faces.materials.len() - 1) as u32
+                        faces.materials.len() as u32 - 1
                     })
                 });
                 polygons.add(&corners, &vertices.positions, material, &mut faces.triangles);
@@ -332,7 +426,7 @@ fn read_faces(
             _ => {}
         }
     }
-    Ok(faces)
+    Ok((faces, notes))
 }
 
 /// One corner `v`, `v/vt`, `v//vn` or `v/vt/vn`, as indices counted from 0; [`NONE`] where there is none. A texture

@@ -24,6 +24,24 @@ pub(super) fn add(
     sources: &mut Sources,
     import: &mut Import,
 ) -> Result<usize, SceneError> {
+    let mesh = read_mesh(path, named_at, import.materials.len() as u32, sources)?;
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let mut described = Material::named(&name(&stem));
+    if !mesh.colours.is_empty() {
+        described.optics.diffuse = Vec3::ONE;
+    }
+    import.materials.push(described);
+    import.meshes.push(mesh);
+    Ok(import.meshes.len() - 1)
+}
+
+/// Reads the mesh of a file, all of one material.
+pub(super) fn read_mesh(
+    path: &Path,
+    named_at: &Location,
+    material: u32,
+    sources: &mut Sources,
+) -> Result<Mesh, SceneError> {
     let bytes = sources.require(path, named_at)?;
     let location = Location::file(path);
     if !bytes.starts_with(b"ply") {
@@ -34,7 +52,6 @@ pub(super) fn add(
     let (header, body) = read_header(&bytes).map_err(refuse)?;
     header.note_what_is_not_shown(path, sources);
 
-    let material = import.materials.len() as u32;
     let mut mesh = Building::new(material);
     let left = match header.encoding {
         Encoding::Ascii => {
@@ -62,16 +79,8 @@ pub(super) fn add(
     if mesh.triangles.is_empty() {
         return Err(location.refuse("no faces; export the mesh with its polygons"));
     }
-
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let mut described = Material::named(&name(&stem));
-    if !mesh.colours.is_empty() {
-        described.optics.diffuse = Vec3::ONE;
-    }
-    import.materials.push(described);
     let Building { positions, normals, uvs, colours, triangles, .. } = mesh;
-    import.meshes.push(Mesh { location, positions, normals, uvs, colours, triangles });
-    Ok(import.meshes.len() - 1)
+    Ok(Mesh { location, positions, normals, uvs, colours, triangles })
 }
 
 /// What is wrong, and on which line of the header or of a text body.
@@ -276,6 +285,11 @@ impl Element {
         properties.map(place).collect()
     }
 
+    /// Bytes of a row in a binary body, where it has no lists.
+    fn row_size(&self) -> Option<usize> {
+        self.properties.iter().map(|property| property.length.is_none().then(|| property.scalar.size())).sum()
+    }
+
     /// The property that lists corners.
     fn corners(&self) -> Option<usize> {
         let is_it = |property: &Property| {
@@ -321,6 +335,9 @@ impl Header {
     }
 }
 
+/// Reads a number that bytes begin with; `None` where they are too few.
+type ReadNumber = fn(&[u8], Scalar) -> Option<f64>;
+
 /// Takes a row to the corners of a triangle.
 type ReadCorners = fn(&[u8]) -> [u32; 3];
 
@@ -335,6 +352,11 @@ trait Numbers {
     fn fault(&self) -> Fault;
     /// The line of the last one, in a text.
     fn line(&self) -> Option<usize>;
+    /// The rows of an element, and what reads a number of one, where all are of the size [`Element::row_size`]. Then none of
+    /// them is left.
+    fn rows(&mut self, _: &Element) -> Option<(&[u8], ReadNumber)> {
+        None
+    }
     /// The rows of an element, and what takes one to its corners, where they are all as most files have them: a list of three
     /// whole numbers of 32 bits and no more. Then none of them is left. There may be millions.
     fn triangles(&mut self, _: &Element) -> Option<(&[u8], ReadCorners)> {
@@ -383,6 +405,12 @@ impl<const IS_BIG_ENDIAN: bool> Numbers for Binary<'_, IS_BIG_ENDIAN> {
             Scalar::F32 => f64::from(f32::from_le_bytes(self.bytes()?)),
             Scalar::F64 => f64::from_le_bytes(self.bytes()?),
         })
+    }
+
+    fn rows(&mut self, element: &Element) -> Option<(&[u8], ReadNumber)> {
+        let (rows, rest) = self.rest.split_at_checked(element.count.checked_mul(element.row_size()?)?)?;
+        self.rest = rest;
+        Some((rows, |bytes, scalar| Binary::<IS_BIG_ENDIAN> { rest: bytes }.next(scalar)))
     }
 
     fn triangles(&mut self, element: &Element) -> Option<(&[u8], ReadCorners)> {
@@ -540,50 +568,69 @@ impl Building {
         let full_code = property_of(8).and_then(|property| element.properties[property].scalar.full_code());
         let codes: Vec<f32> = (0..256).map(|code| srgb::decode(f64::from(code) / 255.0) as f32).collect();
 
-        self.positions.reserve_exact(element.count);
-        self.normals.reserve_exact(if has_normals { element.count } else { 0 });
-        self.uvs.reserve_exact(if has_uvs { element.count } else { 0 });
-        self.colours.reserve_exact(if has_colours { element.count } else { 0 });
-        let mut row = [0.0; PLACES];
-        for index in 0..element.count as u32 {
+        let linear = |value: f64| match full_code {
+            None => value as f32,
+            // Of a whole number of 8 bits.
+            Some(255.0) => codes[value as u8 as usize],
+            Some(full) => srgb::decode(value / full) as f32,
+        };
+        let position = |[x, y, z]: [f64; 3]| DVec3::new(x, y, z);
+        let uv = |[u, v]: [f64; 2]| Vec2::new(u as f32, v as f32);
+        let colour = |rgb: [f64; 3]| Vec3::from(rgb.map(linear));
+
+        if let Some((rows, number)) = numbers.rows(element) {
+            let mut fields = [(0, Scalar::U8); PLACES];
+            let mut offset = 0;
             for (property, place) in element.properties.iter().zip(&places) {
-                match place {
-                    Some(place) => row[*place] = numbers.next(property.scalar).ok_or_else(|| numbers.fault())?,
-                    None => skip(property, numbers)?,
+                if let Some(place) = place {
+                    fields[*place] = (offset, property.scalar);
                 }
+                offset += property.scalar.size();
             }
-            let [x, y, z, nx, ny, nz, u, v, red, green, blue] = row;
-            let mut position = DVec3::new(x, y, z);
-            if !position.is_finite() {
-                // What is not finite has a finite stand-in, so that bounds and transforms may take all.
-                self.bad_positions.insert(index);
-                position = DVec3::ZERO;
-            }
-            self.positions.push(position);
+            let rows = rows.par_chunks_exact(offset);
+            // What does not lie in a row is asked for of none.
+            let at = |row: &[u8], place: usize| {
+                let (offset, scalar) = fields[place];
+                row.get(offset..).and_then(|bytes| number(bytes, scalar)).unwrap_or_default()
+            };
+            let three = |row: &[u8], first: usize| [0, 1, 2].map(|next| at(row, first + next));
+            self.positions = rows.clone().map(|row| position(three(row, 0))).collect();
             if has_normals {
-                self.normals.push(DVec3::new(nx, ny, nz));
+                self.normals = rows.clone().map(|row| position(three(row, 3))).collect();
             }
             if has_uvs {
-                let mut uv = Vec2::new(u as f32, v as f32);
-                if !uv.is_finite() {
-                    self.bad_uvs.insert(index);
-                    uv = Vec2::ZERO;
-                }
-                self.uvs.push(uv);
+                self.uvs = rows.clone().map(|row| uv([at(row, 6), at(row, 7)])).collect();
             }
             if has_colours {
-                let linear = |value: f64| match full_code {
-                    None => value as f32,
-                    // Of a whole number of 8 bits.
-                    Some(255.0) => codes[value as u8 as usize],
-                    Some(full) => srgb::decode(value / full) as f32,
-                };
-                let colour = Vec3::new(linear(red), linear(green), linear(blue));
-                let is_good = colour.is_finite() && colour.min_element() >= 0.0;
-                self.clamped_colours += usize::from(!is_good);
-                self.colours.push(Vec3::from(colour.to_array().map(light)));
+                self.colours = rows.map(|row| colour(three(row, 8))).collect();
+            }
+        } else {
+            self.positions.reserve_exact(element.count);
+            let mut row = [0.0; PLACES];
+            for _ in 0..element.count {
+                for (property, place) in element.properties.iter().zip(&places) {
+                    match place {
+                        Some(place) => row[*place] = numbers.next(property.scalar).ok_or_else(|| numbers.fault())?,
+                        None => skip(property, numbers)?,
+                    }
+                }
+                let [x, y, z, nx, ny, nz, u, v, red, green, blue] = row;
+                self.positions.push(position([x, y, z]));
+                self.normals.extend(has_normals.then(|| position([nx, ny, nz])));
+                self.uvs.extend(has_uvs.then(|| uv([u, v])));
+                self.colours.extend(has_colours.then(|| colour([red, green, blue])));
             }
         }
+
+        // What is not finite has a finite stand-in, so that bounds and transforms may take all.
+        self.bad_positions = stand_in(&mut self.positions, |position| position.is_finite());
+        self.bad_uvs = stand_in(&mut self.uvs, |uv| uv.is_finite());
+        let clamp = |colour: &mut Vec3| {
+            let is_good = colour.is_finite() && colour.min_element() >= 0.0;
+            *colour = Vec3::from(colour.to_array().map(light));
+            usize::from(!is_good)
+        };
+        self.clamped_colours = self.colours.par_iter_mut().map(clamp).sum();
         Ok(())
     }
 
@@ -691,6 +738,16 @@ impl Building {
             self.add_face(&if index % 2 == 0 { [a, b, c] } else { [b, a, c] });
         }
     }
+}
+
+/// Puts 0 in place of what is not finite. Returns where that was.
+fn stand_in<T: Default + Send>(values: &mut [T], is_finite: impl Fn(&T) -> bool + Sync) -> HashSet<u32> {
+    let bad = values.par_iter_mut().enumerate().filter(|(_, value)| !is_finite(value));
+    bad.map(|(index, value)| {
+        *value = T::default();
+        index as u32
+    })
+    .collect()
 }
 
 #[inline]

@@ -158,6 +158,7 @@ fn renderer() -> KnownRenderer {
 fn sweep() -> Sweep {
     Sweep {
         scene: "known".to_owned(),
+        load_flags: "--lenient --up 0,0,1".to_owned(),
         budget_seconds: 4000.0,
         rounds: 8,
         fixed_samples: false,
@@ -421,6 +422,7 @@ fn flags_make_the_render_that_was_measured() {
         let line = RenderLine::try_parse_from(words).unwrap_or_else(|error| panic!("{flags}: {error}"));
         let settings = line.picture.settings(&Scene::cornell_box()).expect("the flags make sense");
         assert_eq!(Ok(settings), configuration.of(base), "{flags}");
+        assert!(flags.starts_with("--lenient --up 0,0,1 "), "{flags}");
     }
 }
 

@@ -10,7 +10,7 @@ use super::{Importer, Placed, bsdfs::Around, serialized, xml::Object};
 use crate::scene::{
     NONE, Triangle,
     error::{Location, SceneError},
-    import::{Mesh, obj},
+    import::{Mesh, obj, ply},
 };
 
 /// How far triangles are off a round shape at most, relative to its radius.
@@ -25,6 +25,7 @@ pub(super) enum Source {
     Disk,
     Cylinder,
     Obj { path: PathBuf, turns_uvs: bool, is_flat: bool },
+    Ply { path: PathBuf, turns_uvs: bool, is_flat: bool },
     Serialized { path: PathBuf, index: usize, is_flat: bool },
 }
 
@@ -113,6 +114,11 @@ impl Importer<'_, '_, '_> {
                 turns_uvs: object.boolean("flip_tex_coords", true)?,
                 is_flat: is_flat(object)?,
             },
+            "ply" => Source::Ply {
+                path: object.file(self.sources)?,
+                turns_uvs: object.boolean("flip_tex_coords", false)?,
+                is_flat: is_flat(object)?,
+            },
             "serialized" => {
                 let index = object.integer("shape_index", 0)?;
                 let Ok(index) = usize::try_from(index) else {
@@ -183,10 +189,14 @@ impl Importer<'_, '_, '_> {
             Source::Cylinder => made(Geometry::cylinder()),
             Source::Obj { path, turns_uvs, is_flat } => {
                 let mut mesh = obj::read_mesh(path, object.at("filename"), self.sources)?;
-                if *turns_uvs {
-                    mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
-                }
-                shade(&mut mesh, *is_flat);
+                turn_and_shade(&mut mesh, *turns_uvs, *is_flat);
+                Ok(mesh)
+            }
+            Source::Ply { path, turns_uvs, is_flat } => {
+                let mut mesh = ply::read_mesh(path, object.at("filename"), 0, self.sources)?;
+                // Mitsuba shows them where a texture of a BSDF asks for them, which is not supported.
+                mesh.colours.clear();
+                turn_and_shade(&mut mesh, *turns_uvs, *is_flat);
                 Ok(mesh)
             }
             Source::Serialized { path, index, is_flat } => {
@@ -358,6 +368,14 @@ fn flip(mesh: &mut Mesh) {
         triangle.uvs.swap(1, 2);
     }
     mesh.normals.iter_mut().for_each(|normal| *normal = -*normal);
+}
+
+/// Turns texture coordinates over if so asked, and makes a mesh flat or smooth.
+fn turn_and_shade(mesh: &mut Mesh, turns_uvs: bool, is_flat: bool) {
+    if turns_uvs {
+        mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+    }
+    shade(mesh, is_flat);
 }
 
 /// Makes a mesh flat, or smooth where it has no normals: Mitsuba then takes the mean of the faces around each position,

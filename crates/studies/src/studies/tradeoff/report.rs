@@ -10,7 +10,6 @@ use super::knobs::{flags, label};
 use crate::stats::{Bootstrap, Estimate, TOO_FEW_ROUNDS, median};
 use crate::studies::{Configuration, Measurement, SceneFacts};
 use raywave::image::Image;
-use raywave::settings::Settings;
 
 /// A sweep and its results.
 #[derive(Debug, Clone, Serialize)]
@@ -42,6 +41,8 @@ pub struct TradeoffReport {
     pub front: Vec<usize>,
     /// What reaches the wanted error soonest.
     pub target: Option<TargetAnswer>,
+    #[serde(skip)]
+    pub(super) load_flags: String,
     #[serde(skip)]
     pub(super) bootstrap: Bootstrap,
     #[serde(skip)]
@@ -228,11 +229,11 @@ pub struct TargetAnswer {
 }
 
 impl PointReport {
-    pub(super) fn new(configuration: Configuration, stage: Stage, base: &Settings) -> Self {
+    fn new(configuration: Configuration, stage: Stage, flags: String) -> Self {
         let samples = configuration.count("samples").and_then(|n| u32::try_from(n).ok()).unwrap_or(1);
         Self {
             label: label(&configuration),
-            flags: flags(base, &configuration),
+            flags,
             samples,
             configuration,
             stage,
@@ -305,6 +306,21 @@ fn weighted_median(values: &[f64], weights: &[f64]) -> f64 {
 }
 
 impl TradeoffReport {
+    /// The flags of `render` that load the scene and make a point; empty for a configuration that is not valid.
+    fn flags(&self, configuration: &Configuration) -> String {
+        let mut flags = flags(&self.facts.settings, configuration);
+        if !flags.is_empty() && !self.load_flags.is_empty() {
+            flags = format!("{} {flags}", self.load_flags);
+        }
+        flags
+    }
+
+    /// Adds a point that is still to be rendered.
+    pub(super) fn add_point(&mut self, configuration: Configuration, stage: Stage) {
+        let flags = self.flags(&configuration);
+        self.points.push(PointReport::new(configuration, stage, flags));
+    }
+
     /// The reference's image, once there is one.
     pub fn reference_image(&self) -> Option<&Arc<Image>> {
         self.held_against.as_ref().map(|held| &held.reference.image)
@@ -431,8 +447,7 @@ impl TradeoffReport {
         let (seconds, samples, measured) = first.as_ref().map_or((f64::NAN, 0, false), |b| (b.0, b.2, b.3));
         let configuration = first.map(|best| best.1);
         let label = configuration.as_ref().map(label).unwrap_or_default();
-        let base = &self.facts.settings;
-        let flags = configuration.as_ref().map(|configuration| flags(base, configuration)).unwrap_or_default();
+        let flags = configuration.as_ref().map(|configuration| self.flags(configuration)).unwrap_or_default();
         TargetAnswer { rel_mse: wanted, configuration, label, flags, samples, seconds, measured, arms, candidates }
     }
 }

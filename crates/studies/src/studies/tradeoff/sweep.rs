@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use super::departures::{Reference, ReferenceSum, mean_radiance};
 use super::knobs::{Base, exact, knobs, label};
-use super::report::{Held, KnobReport, PointReport, Stage, TradeoffReport, Worth};
+use super::report::{Held, KnobReport, Stage, TradeoffReport, Worth};
 use crate::stats::{Bootstrap, CONFIDENCE, FEWEST_ROUNDS, SplitMix64};
 use crate::studies::{Configuration, Measurement, Purpose, Renderer, SceneFacts, StudyError, shuffle};
 
@@ -34,6 +34,8 @@ const CANDIDATES: usize = 3;
 pub struct Sweep {
     /// The scene.
     pub scene: String,
+    /// Flags of `render` that load the scene as here, which are repeated in those of every point.
+    pub load_flags: String,
     /// Seconds of rendering that it may take, on the host's clock. Building kernels and writing files are extra.
     pub budget_seconds: f64,
     /// Rounds of a stage at most.
@@ -150,6 +152,7 @@ impl TradeoffReport {
             knobs: Vec::new(),
             front: Vec::new(),
             target: None,
+            load_flags: sweep.load_flags.clone(),
             bootstrap: sweep.bootstrap,
             held_against: None,
         }
@@ -175,13 +178,13 @@ impl Run<'_> {
         }
         let rest = self.sweep.budget_seconds - self.spent;
         let share = if self.sweep.target.is_some() { 0.6 * rest } else { rest };
-        let combined = self.combine(&base, share);
+        let combined = self.combine(share);
         if !combined.is_empty() && self.stage("what is worth it, along the samples", combined, share).is_break() {
             return Ok(ControlFlow::Break(()));
         }
         let Some(target) = self.sweep.target else { return Ok(ControlFlow::Continue(())) };
         let rest = self.sweep.budget_seconds - self.spent;
-        let candidates = self.candidates(&base, target, rest);
+        let candidates = self.candidates(target, rest);
         if candidates.is_empty() {
             return Ok(ControlFlow::Continue(()));
         }
@@ -269,12 +272,12 @@ impl Run<'_> {
     fn turn_knobs(&mut self, base: &Base) {
         let samples = self.report.base_samples.to_string();
         let start = Configuration::default().with("samples", &samples);
-        self.report.points.push(PointReport::new(start.clone(), Stage::OneKnob, &base.settings));
+        self.report.add_point(start.clone(), Stage::OneKnob);
         for (setting, _) in knobs() {
             for level in base.other_levels(setting) {
                 let configuration = start.with(setting.flag, &level);
                 self.turned.push((self.report.points.len(), setting.flag, level, base.level(setting)));
-                self.report.points.push(PointReport::new(configuration, Stage::OneKnob, &base.settings));
+                self.report.add_point(configuration, Stage::OneKnob);
             }
         }
     }
@@ -282,7 +285,7 @@ impl Run<'_> {
     /// Combines what seems worth it individually, over numbers of samples: the base, all knobs without bias, these with
     /// each biased one, and with all of those. As many numbers of samples as fit the seconds. Returns the new points'
     /// indices.
-    fn combine(&mut self, base: &Base, seconds: f64) -> Vec<usize> {
+    fn combine(&mut self, seconds: f64) -> Vec<usize> {
         // The samples come first, as in the points with one knob changed.
         let none = Configuration::default().with("samples", &self.report.base_samples.to_string());
         let error = self.report.points[0].rel_mse.map_or(f64::INFINITY, |error| error.total.value);
@@ -335,15 +338,15 @@ impl Run<'_> {
             points.remove(longest.unwrap_or(0));
         }
         let first = self.report.points.len();
-        self.report
-            .points
-            .extend(points.into_iter().map(|(c, _)| PointReport::new(c, Stage::Combined, &base.settings)));
+        for (configuration, _) in points {
+            self.report.add_point(configuration, Stage::Combined);
+        }
         (first..self.report.points.len()).collect()
     }
 
     /// Points at which those that seem to reach the wanted error soonest should reach it, as many as fit the seconds.
     /// Points that take too long to render are inferred.
-    fn candidates(&mut self, base: &Base, target: f64, seconds: f64) -> Vec<usize> {
+    fn candidates(&mut self, target: f64, seconds: f64) -> Vec<usize> {
         self.report.analyse(&self.turned, Some(target));
         let Some(answer) = &self.report.target else { return Vec::new() };
         let mut left = seconds;
@@ -356,7 +359,7 @@ impl Run<'_> {
         let first = self.report.points.len();
         for configuration in wanted {
             if self.report.point(&configuration).is_none() {
-                self.report.points.push(PointReport::new(configuration, Stage::Target, &base.settings));
+                self.report.add_point(configuration, Stage::Target);
             }
         }
         (first..self.report.points.len()).collect()
