@@ -878,11 +878,9 @@ fn what_a_scene_can_be_shown_without_is_told_once_a_kind() {
         ("newmtl a\nKd 0.1 0.2 0.3 1\n", "m.mtl:2: Kd has 4 numbers, of which 3 count"),
         ("newmtl a\nNs 1 2\n", "m.mtl:2: Ns has 2 numbers"),
         ("newmtl a\nKd spectral a.rfl\n", "m.mtl:2: Kd: spectra are not read"),
-        ("newmtl a\nd 0.3\n", "m.mtl:2: d 0.3 is not shown"),
-        ("newmtl a\nTr 0.7\n", "m.mtl:2: Tr 0.7 is not shown"),
-        ("newmtl a\nmap_d a.png\n", "m.mtl:2: `map_d` is ignored"),
-        ("newmtl a\nmap_Ke a.png\n", "m.mtl:2: `map_Ke` is ignored"),
-        ("newmtl a\nmap_Ke a.png\nKe 1 1 1\n", "m.mtl:2: map_Ke is not read: all of the surface emits Ke"),
+        ("newmtl a\nmap_bump a.png\n", "m.mtl:2: `map_bump` is ignored"),
+        ("newmtl a\nmap_d nowhere.png\n", "m.mtl:2: there is no image"),
+        ("newmtl a\nmap_Ke nowhere.png\n", "m.mtl:2: there is no image"),
         ("newmtl a\nmap_Kd\n", "m.mtl:2: map_Kd has no file name"),
         ("newmtl a\nmap_Kd nowhere.png\n", "m.mtl:2: there is no image"),
         ("newmtl a\nKe 1 1 1\nmap_Kd nowhere.png\n", "m.mtl:1: a material with Ke is a light"),
@@ -1158,5 +1156,35 @@ proptest! {
             (name, mutated(bytes, &edits)),
         ];
         load_any(&files, "s.toml");
+    }
+}
+
+#[test]
+fn roughness_metal_and_opacity_are_shown() {
+    // As Blender writes a metal, and with its PBR keys.
+    let blender = "newmtl a\nNs 250\nKa 1 1 1\nKd 0.8 0.1 0.1\nKs 0.5 0.5 0.5\nNi 1.45\nd 1\nillum 3\n";
+    let metal = &scene_of(LIT_TRIANGLE, blender).materials[0];
+    assert_eq!((metal.surface, metal.metalness, metal.diffuse.x), (Surface::MetalRough, 1.0, 0.8));
+    assert!((metal.roughness.x - 0.25).abs() < 1e-6, "Ns is 1000 times the square of what roughness leaves of 1");
+    let metal = &scene_of(LIT_TRIANGLE, "newmtl a\nKd 0.5\nPr 0.3\nPm 0.7\nPc 0.2\nPcr 0.1\nillum 2\n").materials[0];
+    assert_eq!((metal.surface, metal.metalness, metal.coat), (Surface::MetalRough, 0.7, 0.2));
+    assert!((metal.roughness.y - 0.09).abs() < 1e-6 && (metal.coat_roughness - 0.01).abs() < 1e-6);
+    // A mirror that is described as one stays one, and glass may be rough.
+    let mirror = &scene_of(LIT_TRIANGLE, "newmtl a\nillum 3\nKs 0.9\n").materials[0];
+    assert_eq!(mirror.surface, Surface::Mirror);
+    let glass = &scene_of(LIT_TRIANGLE, "newmtl a\nillum 7\nNi 1.5\nPr 0.5\n").materials[0];
+    assert_eq!((glass.surface, glass.is_rough()), (Surface::Dielectric, true));
+
+    for text in ["newmtl a\nKd 0.5\nd 0.25\n", "newmtl a\nKd 0.5\nTr 0.75\n"] {
+        let scene = scene_of(LIT_TRIANGLE, text);
+        let blend = scene.materials.iter().find(|m| matches!(m.surface, Surface::Blend(..))).expect("it is transparent");
+        let Surface::Blend(opaque, nothing) = blend.surface else { unreachable!() };
+        assert_eq!(blend.weight, 0.25);
+        assert_eq!(scene.materials[opaque as usize].diffuse.x, 0.5);
+        assert_eq!(scene.materials[nothing as usize].surface, Surface::Nothing);
+    }
+    for text in ["newmtl a\nd 1\n", "newmtl a\nd 0.5\nillum 7\nNi 1.5\n", "newmtl a\nd 0.5\nKe 1\n"] {
+        let scene = scene_of(LIT_TRIANGLE, text);
+        assert!(scene.materials.iter().all(|m| !matches!(m.surface, Surface::Blend(..))), "{text}");
     }
 }

@@ -192,6 +192,12 @@ impl Materials {
             // The energy rule holds for the largest value that an image has in each channel.
             made.diffuse = brightest.min(Vec3::ONE);
         }
+        if let Some((_, map)) = shown.iter().find(|(parameter, _)| *parameter == Parameter::Emission) {
+            // Light is sampled by what the whole image emits.
+            let texels = &self.decoded[&(map.image, encoding(map))].rgba;
+            let sum = texels.iter().fold(Vec3::ZERO, |sum, texel| sum + Vec3::from_slice(texel));
+            made.emission = sum / texels.len() as f32 * map.factor;
+        }
         made.diffuse = if made.surface.is_diffuse() && scatters { made.diffuse } else { Vec3::ZERO };
         made.specular = if made.surface.is_reflector() && scatters { made.specular } else { Vec3::ZERO };
         // A Phong BRDF adds its two parts; of all others each is a share of its own.

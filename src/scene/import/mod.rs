@@ -188,10 +188,8 @@ impl Material {
         }
         if let Some(map) = self.map(Parameter::Emission) {
             self.optics.is_pure_emitter = false;
-            if self.optics.emission == Vec3::ZERO {
-                self.optics.emission = Vec3::ONE;
-            }
-            self.set_map(Parameter::Emission, Some(Map { factor: self.optics.emission, ..map }));
+            let factor = if self.optics.is_emitter() { self.optics.emission } else { Vec3::ONE };
+            self.set_map(Parameter::Emission, Some(Map { factor, ..map }));
         }
     }
 
@@ -229,7 +227,7 @@ impl Material {
             Parameter::Metalness => scatters && surface == Surface::MetalRough,
             Parameter::Weight => matches!(surface, Surface::Blend(..)),
             Parameter::Normal | Parameter::Height => scatters,
-            Parameter::Emission => self.optics.is_emitter(),
+            Parameter::Emission => true,
         }
     }
 

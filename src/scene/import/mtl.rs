@@ -235,7 +235,11 @@ impl Definition {
                     let ImageKey { parameter, is_raw, response, .. } = **key;
                     let map = image.as_ref().map(|(image, lookup)| {
                         let colour = Map::colour(images.index_of(image));
-                        let channel = if parameter == Parameter::Weight { OPACITY } else { LUMINANCE };
+                        let channel = match parameter {
+                            Parameter::Weight => OPACITY,
+                            scalar if scalar.is_scalar() => LUMINANCE,
+                            _ => colour.channel,
+                        };
                         Map { lookup: *lookup, is_raw, response, channel, ..colour }
                     });
                     material.set_map(parameter, map);
