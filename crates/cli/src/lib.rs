@@ -231,13 +231,14 @@ impl LoadArguments {
 
     /// The flags that give these arguments, for a shell.
     fn flags(&self) -> String {
-        let camera = self.camera.as_ref().map(|camera| format!("--camera={camera}"));
+        // No argument has a zero byte in it, the only one that shells cannot be given.
+        let quoted = |text: &str| shlex::try_quote(text).unwrap_or_default().into_owned();
+        let camera = self.camera.as_ref().map(|camera| format!("--camera={}", quoted(camera)));
         let up = self.up.map(|Direction([x, y, z])| format!("--up={x},{y},{z}"));
         let switch = |flag: &str, is_given: bool| is_given.then(|| flag.to_owned());
         let rest = [switch("--allow-outside", self.allow_outside), switch("--lenient", self.lenient)];
         let words: Vec<String> = [camera, up].into_iter().chain(rest).flatten().collect();
-        // No argument has a zero byte in it, the only one that shells cannot be given.
-        shlex::try_join(words.iter().map(String::as_str)).unwrap_or_default()
+        words.join(" ")
     }
 }
 

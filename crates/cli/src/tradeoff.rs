@@ -186,7 +186,7 @@ mod tests {
         assert_eq!(flags(&["s.glb"]), "");
         let words = ["s.glb", "--camera", "from above", "--up", "-1,0,0.5", "--lenient", "--allow-outside"];
         let written = flags(&words);
-        assert_eq!(written, "'--camera=from above' --up=-1,0,0.5 --allow-outside --lenient");
+        assert_eq!(written, "--camera='from above' --up=-1,0,0.5 --allow-outside --lenient");
         let again: Vec<String> = shlex::split(&written).expect("a shell takes it");
         assert_eq!(flags(&again.iter().map(String::as_str).collect::<Vec<_>>()), written);
     }
