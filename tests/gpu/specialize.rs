@@ -178,7 +178,14 @@ fn features_cost_what_they_add() {
     assert!(samples.instructions.contains(&("connect", connect)));
     assert_eq!(samples.path_bytes.iter().map(|(_, bytes)| bytes).sum::<u64>(), 48);
     // What shades another feature costs nothing without it.
-    let shades = ["clear coats", "anisotropy", "multiple scattering", "placed textures", "turned environment"];
+    let shades = [
+        "clear coats",
+        "anisotropy",
+        "Beckmann facets",
+        "multiple scattering",
+        "placed textures",
+        "turned environment",
+    ];
     for cost in &costs {
         let may_cost_nothing = cost.found || cost.feature == "scattering" || shades.contains(&cost.feature);
         assert!(may_cost_nothing || !cost.instructions.is_empty(), "{cost:?} costs nothing");

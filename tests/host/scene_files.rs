@@ -1177,7 +1177,8 @@ fn roughness_metal_and_opacity_are_shown() {
 
     for text in ["newmtl a\nKd 0.5\nd 0.25\n", "newmtl a\nKd 0.5\nTr 0.75\n"] {
         let scene = scene_of(LIT_TRIANGLE, text);
-        let blend = scene.materials.iter().find(|m| matches!(m.surface, Surface::Blend(..))).expect("it is transparent");
+        let blend =
+            scene.materials.iter().find(|m| matches!(m.surface, Surface::Blend(..))).expect("it is transparent");
         let Surface::Blend(opaque, nothing) = blend.surface else { unreachable!() };
         assert_eq!(blend.weight, 0.25);
         assert_eq!(scene.materials[opaque as usize].diffuse.x, 0.5);

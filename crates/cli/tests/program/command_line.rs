@@ -199,7 +199,7 @@ const REFUSED: &[(&str, &str)] = &[
     // Scenes
     ("render missing.toml -o a.png", "missing.toml: cannot read"),
     ("render missing.obj -o a.png", "missing.obj: cannot read"),
-    ("render small.png -o a.png", "neither .toml nor .gltf, .glb, .obj or .ply"),
+    ("render small.png -o a.png", "neither .toml, .xml, .gltf, .glb, .obj nor .ply"),
     ("render folder.toml -o a.png", "folder.toml: cannot read"),
     ("render bytes.toml -o a.png", "bytes.toml:1: not UTF-8"),
     ("render bytes.obj -o a.png", "bytes.obj: not an OBJ file but UTF-16 text"),
