@@ -67,7 +67,7 @@ shared_constants! {
     /// 16-byte texels of a material.
     MATERIAL_TEXELS = 4;
     /// 16-byte texels of what else a material may have.
-    MATERIAL_DETAIL_TEXELS = 7;
+    MATERIAL_DETAIL_TEXELS = 11;
     /// 16-byte texels of a light that is no surface.
     PUNCTUAL_LIGHT_TEXELS = 4;
 
@@ -101,10 +101,16 @@ shared_constants! {
     SURFACE_BLEND = 13;
     /// One material for each side.
     SURFACE_SIDES = 14;
+    /// Disney's BSDF of a body.
+    SURFACE_PRINCIPLED = 15;
+    /// Disney's BSDF of a thin sheet.
+    SURFACE_PRINCIPLED_THIN = 16;
     /// Bit of a material's details: what is reflected inside a coat shifts the colour of its base.
     DETAIL_NONLINEAR = 1;
     /// Bit of them: microfacets are of Beckmann's distribution, and not GGX.
     DETAIL_BECKMANN = 2;
+    /// Bit of them: a principled body has an inside, which light gets into somewhere.
+    DETAIL_TRANSMITS = 4;
     /// Places of images among those of a material: of `ks`.
     MAP_KS = 0;
     /// Of the microfacets' width along the tangent.
@@ -115,14 +121,32 @@ shared_constants! {
     MAP_METALNESS = 3;
     /// How many of those that say how light scatters come first.
     MAPS_OF_SCATTERING = 4;
+    /// Of what only principled materials show: the share of the clear coat.
+    MAP_COAT = 4;
+    /// Of the anisotropy.
+    MAP_ANISOTROPY = 5;
+    /// Of the sheen.
+    MAP_SHEEN = 6;
+    /// Of the sheen's tint.
+    MAP_SHEEN_TINT = 7;
+    /// Of the tint of specular reflection.
+    MAP_SPECULAR_TINT = 8;
+    /// Of the share of what is specular in place of the diffuse body.
+    MAP_SPECULAR_SHARE = 9;
+    /// Of the flatness.
+    MAP_FLATNESS = 10;
+    /// Of the share of diffuse light that is transmitted.
+    MAP_DIFFUSE_TRANSMISSION = 11;
+    /// How many of both come first.
+    MAPS_OF_PRINCIPLED = 12;
     /// Of the shading normal.
-    MAP_NORMAL = 4;
+    MAP_NORMAL = 12;
     /// Of the height over the surface.
-    MAP_HEIGHT = 5;
+    MAP_HEIGHT = 13;
     /// Of emitted radiance.
-    MAP_KE = 6;
+    MAP_KE = 14;
     /// Of a blend's weight.
-    MAP_WEIGHT = 7;
+    MAP_WEIGHT = 15;
     /// Rows, and columns, of a table of microfacets.
     TABLE_SIZE = 32;
     /// Most blends within each other, and sides.
@@ -257,6 +281,10 @@ specialization_constants! {
     has_metal_rough: bool = true;
     /// Whether some of those has a clear coat.
     has_coat: bool = true;
+    /// Whether some material is Disney's BSDF of a body.
+    has_principled: bool = true;
+    /// Whether some material is Disney's BSDF of a thin sheet.
+    has_principled_thin: bool = true;
     /// Whether some material is no surface.
     has_nothing: bool = true;
     /// Whether some material is a blend, or has one for each side.

@@ -110,7 +110,7 @@ pub struct Material {
     pub map_kd: u32,
 }
 
-/// What else a material may have. 112 bytes, 7 texels.
+/// What else a material may have. 176 bytes, 11 texels.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct MaterialDetail {
@@ -138,6 +138,22 @@ pub struct MaterialDetail {
     pub map_alpha_y: u32,
     /// Of `metalness`.
     pub map_metalness: u32,
+    /// Of `coat`.
+    pub map_coat: u32,
+    /// Of `anisotropy`.
+    pub map_anisotropy: u32,
+    /// Of `sheen`.
+    pub map_sheen: u32,
+    /// Of `sheen_tint`.
+    pub map_sheen_tint: u32,
+    /// Of `specular_tint`.
+    pub map_specular_tint: u32,
+    /// Of `specular_share`.
+    pub map_specular_share: u32,
+    /// Of `flatness`.
+    pub map_flatness: u32,
+    /// Of `diffuse_transmission`.
+    pub map_diffuse_transmission: u32,
     /// Of the shading normal.
     pub map_normal: u32,
     /// Of height over the surface.
@@ -158,6 +174,22 @@ pub struct MaterialDetail {
     pub mean_reflectance: [f32; 3],
     /// One more than the place of the table of its microfacets in the texture buffer; 0 for none.
     pub table: u32,
+    /// Of principled materials, from here on, each in [0, 1]: how far apart the widths of microfacets are.
+    pub anisotropy: f32,
+    /// Weight of the sheen.
+    pub sheen: f32,
+    /// How far the base colour tints the sheen.
+    pub sheen_tint: f32,
+    /// How far the base colour tints what a dielectric reflects.
+    pub specular_tint: f32,
+    /// Share of what is specular in place of the diffuse body.
+    pub specular_share: f32,
+    /// Share of diffuse light that seems to come from below the surface.
+    pub flatness: f32,
+    /// Share of diffuse light that is transmitted.
+    pub diffuse_transmission: f32,
+    /// Not used.
+    pub unused: u32,
 }
 
 /// Light that is no surface, a cell of an alias table. 64 bytes, 4 texels.

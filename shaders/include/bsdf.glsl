@@ -8,6 +8,8 @@
 #include "bsdf/nothing.glsl"
 #include "bsdf/phong.glsl"
 #include "bsdf/plastic.glsl"
+#include "bsdf/principled.glsl"
+#include "bsdf/principled_thin.glsl"
 #include "bsdf/rough_dielectric.glsl"
 #include "bsdf/thin_dielectric.glsl"
 #include "normal_map.glsl"
@@ -15,7 +17,9 @@
 // The order in which kinds are asked for. Whether kernels have code for any that come after each:
 const bool HAS_GLASS = HAS_REFRACTIVE || HAS_DIELECTRIC;
 const bool AFTER_NOTHING = HAS_GLASS;
-const bool AFTER_METAL_ROUGH = HAS_NOTHING || AFTER_NOTHING;
+const bool AFTER_PRINCIPLED_THIN = HAS_NOTHING || AFTER_NOTHING;
+const bool AFTER_PRINCIPLED = HAS_PRINCIPLED_THIN || AFTER_PRINCIPLED_THIN;
+const bool AFTER_METAL_ROUGH = HAS_PRINCIPLED || AFTER_PRINCIPLED;
 const bool AFTER_ROUGH_PLASTIC = HAS_METAL_ROUGH || AFTER_METAL_ROUGH;
 const bool AFTER_PLASTIC = HAS_ROUGH_PLASTIC || AFTER_ROUGH_PLASTIC;
 const bool AFTER_THIN_DIELECTRIC = HAS_PLASTIC || AFTER_PLASTIC;
@@ -38,6 +42,8 @@ uint bsdf_flags(Material m) {
         : IS(PLASTIC) ? PLASTIC_FLAGS
         : IS(ROUGH_PLASTIC) ? ROUGH_PLASTIC_FLAGS
         : IS(METAL_ROUGH) ? METAL_ROUGH_FLAGS
+        : IS(PRINCIPLED) ? principled_flags(m)
+        : IS(PRINCIPLED_THIN) ? PRINCIPLED_THIN_FLAGS
         : IS(NOTHING) ? NOTHING_FLAGS
         : DIELECTRIC_FLAGS;
 }
@@ -63,6 +69,10 @@ BsdfSample sample_bsdf(Material m, Surface surface, vec3 wo, float choice, vec2 
         drawn = sample_rough_plastic(m, surface, wo, choice, u);
     } else if (IS(METAL_ROUGH)) {
         drawn = sample_metal_rough(m, surface, wo, choice, u);
+    } else if (IS(PRINCIPLED)) {
+        drawn = sample_principled(m, surface, wo, choice, u);
+    } else if (IS(PRINCIPLED_THIN)) {
+        drawn = sample_principled_thin(m, surface, wo, choice, u);
     } else if (IS(NOTHING)) {
         drawn = sample_nothing(wo);
     } else {
@@ -89,6 +99,10 @@ BsdfValue evaluate_bsdf(Material m, Surface surface, vec3 wo, vec3 wi) {
         value = evaluate_rough_plastic(m, surface, wo, wi);
     } else if (IS(METAL_ROUGH)) {
         value = evaluate_metal_rough(m, surface, wo, wi);
+    } else if (IS(PRINCIPLED)) {
+        value = evaluate_principled(m, surface, wo, wi);
+    } else if (IS(PRINCIPLED_THIN)) {
+        value = evaluate_principled_thin(m, surface, wo, wi);
     }
     if (HAS_NORMAL_TEXTURES) {
         value.f_cos *= bump_shadowing(surface, wi);

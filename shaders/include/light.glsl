@@ -87,7 +87,7 @@ float lat_long_pdf(vec3 direction) {
 }
 
 // Whether some BSDF transmits light into more than one direction.
-const bool HAS_ROUGH_TRANSMISSION = HAS_ROUGH_DIELECTRIC;
+const bool HAS_ROUGH_TRANSMISSION = HAS_ROUGH_DIELECTRIC || HAS_PRINCIPLED || HAS_PRINCIPLED_THIN;
 
 // Whether a BSDF of these components gathers light from both sides of the surface.
 bool gathers_from_both_sides(uint flags) {

@@ -110,10 +110,25 @@ uint part_of_blend(Surface surface, vec3 wo, inout float choice) {
     return material;
 }
 
+// Sets a parameter that only principled materials have images of.
+void set_principled(uint parameter, float value, inout MaterialDetail detail) {
+    Principled p = detail.principled;
+    p.anisotropy = parameter == MAP_ANISOTROPY ? value : p.anisotropy;
+    p.sheen = parameter == MAP_SHEEN ? value : p.sheen;
+    p.sheen_tint = parameter == MAP_SHEEN_TINT ? value : p.sheen_tint;
+    p.specular_tint = parameter == MAP_SPECULAR_TINT ? value : p.specular_tint;
+    p.specular_share = parameter == MAP_SPECULAR_SHARE ? value : p.specular_share;
+    p.flatness = parameter == MAP_FLATNESS ? value : p.flatness;
+    p.diffuse_transmission = parameter == MAP_DIFFUSE_TRANSMISSION ? value : p.diffuse_transmission;
+    detail.principled = p;
+    detail.coat = parameter == MAP_COAT ? value : detail.coat;
+}
+
 // Looks up what images give of the material that has them.
 void look_up_details(uint index, vec2 uv, inout Material m) {
+    const uint maps = HAS_ANY_PRINCIPLED ? MAPS_OF_PRINCIPLED : MAPS_OF_SCATTERING;
     // A loop, so that a kernel has one lookup for all of them.
-    for (uint parameter = 0u; parameter < MAPS_OF_SCATTERING; parameter++) {
+    for (uint parameter = 0u; parameter < maps; parameter++) {
         uint map = material_map(index, parameter);
         if (map != 0u) {
             vec3 value = texture_at(map - 1u, uv);
@@ -123,6 +138,9 @@ void look_up_details(uint index, vec2 uv, inout Material m) {
             m.detail.alpha.x = parameter == MAP_ALPHA_X ? alpha : m.detail.alpha.x;
             m.detail.alpha.y = parameter == MAP_ALPHA_Y ? alpha : m.detail.alpha.y;
             m.detail.metalness = parameter == MAP_METALNESS ? value.x : m.detail.metalness;
+            if (HAS_ANY_PRINCIPLED) {
+                set_principled(parameter, value.x, m.detail);
+            }
         }
     }
 }

@@ -24,6 +24,17 @@ uint triangle_material(uint index) { return fetch_triangles(TRIANGLE_TEXELS * in
 // Area of an emissive triangle over the probability that light sampling picks it; 0 of any other.
 float light_area(uint index) { return uintBitsToFloat(fetch_triangles(TRIANGLE_TEXELS * index + 2u).w); }
 
+// What only principled materials have, each in [0, 1].
+struct Principled {
+    float anisotropy;            // how far apart the widths of microfacets are
+    float sheen;
+    float sheen_tint;            // how far the base colour tints it
+    float specular_tint;         // how far the base colour tints what a dielectric reflects
+    float specular_share;        // of what is specular in place of the diffuse body
+    float flatness;              // share of diffuse light that seems to come from below the surface
+    float diffuse_transmission;  // share of diffuse light that is transmitted
+};
+
 // What some materials have beyond the words of each.
 struct MaterialDetail {
     vec3 eta;                 // real part of a metal's index of refraction
@@ -37,6 +48,8 @@ struct MaterialDetail {
     float inner_reflectance;  // share of diffuse light that the inside of a coat reflects
     vec3 mean_reflectance;    // at the microfacets, weighted by the cosine
     uint table;               // of microfacets: one more than its place, or 0
+    bool transmits;           // whether a principled body has an inside
+    Principled principled;
 };
 
 struct Material {
@@ -53,17 +66,25 @@ struct Material {
 
 const bool HAS_METALS = HAS_SMOOTH_CONDUCTOR || HAS_CONDUCTOR;
 const bool HAS_COATS = HAS_PLASTIC || HAS_ROUGH_PLASTIC || HAS_METAL_ROUGH;
-const bool HAS_DETAILS = HAS_METALS || HAS_COATS || HAS_ROUGH_DIELECTRIC || HAS_DETAIL_TEXTURES;
+const bool HAS_ANY_PRINCIPLED = HAS_PRINCIPLED || HAS_PRINCIPLED_THIN;
+const bool HAS_DETAILS = HAS_METALS || HAS_COATS || HAS_ROUGH_DIELECTRIC || HAS_ANY_PRINCIPLED || HAS_DETAIL_TEXTURES;
 
 MaterialDetail fetch_material_detail(uint index) {
     uint place = MATERIAL_DETAIL_TEXELS * index;
     uvec4 a = fetch_material_details(place);
     uvec4 b = fetch_material_details(place + 1u);
     vec3 c = uintBitsToFloat(fetch_material_details(place + 2u).xyz);
-    uvec2 f = fetch_material_details(place + 5u).zw;
-    uvec4 g = fetch_material_details(place + 6u);
+    uvec2 f = fetch_material_details(place + 7u).zw;
+    uvec4 g = fetch_material_details(place + 8u);
+    Principled principled;
+    if (HAS_ANY_PRINCIPLED) {
+        vec4 h = uintBitsToFloat(fetch_material_details(place + 9u));
+        vec3 i = uintBitsToFloat(fetch_material_details(place + 10u).xyz);
+        principled = Principled(h.x, h.y, h.z, h.w, i.x, i.y, i.z);
+    }
     return MaterialDetail(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(uvec2(a.w, b.w)), c.x, c.y, c.z,
-        (f.x & DETAIL_BECKMANN) != 0u, (f.x & DETAIL_NONLINEAR) != 0u, uintBitsToFloat(f.y), uintBitsToFloat(g.xyz), g.w);
+        (f.x & DETAIL_BECKMANN) != 0u, (f.x & DETAIL_NONLINEAR) != 0u, uintBitsToFloat(f.y), uintBitsToFloat(g.xyz), g.w,
+        (f.x & DETAIL_TRANSMITS) != 0u, principled);
 }
 
 Material fetch_material(uint index) {
@@ -88,7 +109,7 @@ uint material_map(uint index, uint parameter) {
 // Share of a blend's first part, and both parts; or the front and the back.
 float blend_weight(uint index) { return uintBitsToFloat(fetch_material_details(MATERIAL_DETAIL_TEXELS * index + 2u).w); }
 
-uvec2 blend_parts(uint index) { return fetch_material_details(MATERIAL_DETAIL_TEXELS * index + 5u).xy; }
+uvec2 blend_parts(uint index) { return fetch_material_details(MATERIAL_DETAIL_TEXELS * index + 7u).xy; }
 
 uint material_surface(uint index) { return fetch_materials(MATERIAL_TEXELS * index).w; }
 

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::{Camera, Environment, Light, Material, Mesh, NONE, Parameter, Scene, Surface, Triangle};
+use super::{Camera, Environment, Light, Material, Mesh, NONE, Parameter, Principled, Scene, Surface, Triangle};
 use crate::settings::Settings;
 
 /// A scene in the making. Fronts are where corners run counter-clockwise.
@@ -178,6 +178,7 @@ impl Material {
             metalness: 0.0,
             coat: 0.0,
             coat_roughness: 0.0,
+            principled: Principled::default(),
             weight: 1.0,
             is_beckmann: false,
             compensates: true,
@@ -222,6 +223,17 @@ impl Material {
     pub fn metal_rough(colour: Vec3, metalness: f32, alpha: f32) -> Self {
         let (surface, roughness) = (Surface::MetalRough, Vec2::splat(alpha));
         Self { surface, diffuse: colour, specular: Vec3::ONE, ior: 1.5, metalness, roughness, ..Self::black() }
+    }
+
+    /// Disney's material of a body of an index of refraction. `alpha` is the square of its roughness.
+    pub fn principled(colour: Vec3, ior: f32, alpha: f32, principled: Principled) -> Self {
+        let (surface, roughness) = (Surface::Principled, Vec2::splat(alpha));
+        Self { surface, diffuse: colour, ior, roughness, principled, compensates: false, ..Self::black() }
+    }
+
+    /// Disney's material of a thin sheet. `alpha` is the square of its roughness.
+    pub fn principled_thin(colour: Vec3, ior: f32, alpha: f32, principled: Principled) -> Self {
+        Self { surface: Surface::PrincipledThin, ..Self::principled(colour, ior, alpha, principled) }
     }
 
     /// The same surface with microfacets of those widths along the tangent and across it (GGX's alpha).

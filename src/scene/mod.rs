@@ -209,7 +209,7 @@ pub struct Triangle {
 pub const SMOOTH: f32 = 1e-6;
 
 /// One material. It conserves energy: `diffuse` + `specular` is at most 1 in every channel of a [`Surface::Glossy`], and
-/// no reflectance is above 1.
+/// no reflectance is above 1, but for what Disney's model adds at grazing angles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
     /// Name in the file that defines it.
@@ -217,7 +217,7 @@ pub struct Material {
     /// What light does at the surface.
     pub surface: Surface,
     /// Diffuse reflectance, each channel in [0, 1]; the largest that the image holds where there is one. Base colour of
-    /// [`Surface::MetalRough`]. Zero where `surface` has no diffuse lobe, and for a pure emitter. MTL's Kd.
+    /// [`Surface::MetalRough`] and of principled surfaces. Zero where `surface` has no diffuse lobe, and for a pure emitter. MTL's Kd.
     pub diffuse: Vec3,
     /// Weight of the Phong lobe, or what multiplies specular reflection, each channel in [0, 1]. Zero where `surface` has
     /// none, and for a pure emitter. MTL's Ks.
@@ -239,12 +239,14 @@ pub struct Material {
     pub eta: Vec3,
     /// Its imaginary part, each channel at least 0.
     pub absorption: Vec3,
-    /// Share of metal in [`Surface::MetalRough`], in [0, 1].
+    /// Share of metal in [`Surface::MetalRough`] and [`Surface::Principled`], in [0, 1].
     pub metalness: f32,
-    /// Share of the clear coat over [`Surface::MetalRough`], in [0, 1].
+    /// Share of the clear coat over [`Surface::MetalRough`] and [`Surface::Principled`], in [0, 1].
     pub coat: f32,
     /// Width of the distribution of the coat's microfacets, in [0, 1].
     pub coat_roughness: f32,
+    /// What only principled surfaces have.
+    pub principled: Principled,
     /// Share of the first material of a [`Surface::Blend`], in [0, 1].
     pub weight: f32,
     /// Whether microfacets are distributed as Beckmann has it, with `roughness` its widths; else by GGX.
@@ -281,7 +283,14 @@ impl Material {
     /// Whether the direction of its texture coordinates makes a difference to how it scatters.
     pub fn is_anisotropic(&self) -> bool {
         let apart = self.texture(Parameter::RoughnessAcross).is_some() || self.roughness.x != self.roughness.y;
-        self.is_rough() && apart
+        let stretched = self.principled.anisotropy > 0.0 || self.texture(Parameter::Anisotropy).is_some();
+        (self.is_rough() && apart) || (self.surface.is_principled() && stretched)
+    }
+
+    /// Whether it is a [`Surface::Principled`] that light gets into.
+    pub fn has_inside(&self) -> bool {
+        let shares = self.principled.specular_share > 0.0 || self.texture(Parameter::SpecularShare).is_some();
+        self.surface == Surface::Principled && shares
     }
 
     /// Whether an image turns its shading normals.
@@ -294,6 +303,27 @@ impl Material {
         let others = [Parameter::Diffuse, Parameter::Normal, Parameter::Height];
         Parameter::ALL.iter().any(|parameter| !others.contains(parameter) && self.texture(*parameter).is_some())
     }
+}
+
+/// Parameters of Disney's BSDF, each in [0, 1]. (Burley 2012, Physically Based Shading at Disney; 2015, Extending the Disney
+/// BRDF to a BSDF with Integrated Subsurface Scattering)
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Principled {
+    /// How far apart the widths of microfacets are: those of a roughness r are r² / a and r² a, where a² is 1 less nine
+    /// tenths of this.
+    pub anisotropy: f32,
+    /// Weight of the sheen, a reflection at grazing angles.
+    pub sheen: f32,
+    /// How far the base colour tints the sheen.
+    pub sheen_tint: f32,
+    /// How far the base colour tints what a dielectric reflects.
+    pub specular_tint: f32,
+    /// Share of what is specular, reflected and transmitted, in place of the diffuse body. Mitsuba's `spec_trans`.
+    pub specular_share: f32,
+    /// Share of diffuse light that seems to come from below the surface.
+    pub flatness: f32,
+    /// Share of diffuse light that a sheet transmits; means nothing of a body. Half of Mitsuba's `diff_trans`.
+    pub diffuse_transmission: f32,
 }
 
 /// What light does at a surface. Where it is rough, `Material::roughness` says so.
@@ -318,6 +348,13 @@ pub enum Surface {
     },
     /// glTF's mixture of a metal and of a diffuse body under a dielectric interface, perhaps under a clear coat.
     MetalRough,
+    /// Disney's BSDF of a body, as Mitsuba's `principled` defines it: diffuse, sheen, microfacets and a clear coat, and
+    /// refraction by a share. Both widths in `Material::roughness` are the square of its roughness; light that microfacets
+    /// scatter more than once is lost. What light from behind meets is the same unless light gets into it. At grazing angles
+    /// the model may give back more than it gets.
+    Principled,
+    /// Disney's BSDF of a thin sheet, as Mitsuba's `principledthin` defines it, alike on both sides.
+    PrincipledThin,
     /// No surface at all: light goes on as it came.
     Nothing,
     /// One of two materials by chance, with the probability `Material::weight` for the first. Both are indices into
@@ -335,7 +372,12 @@ pub enum Surface {
 impl Surface {
     /// Whether a diffuse reflectance means something of it.
     pub fn is_diffuse(self) -> bool {
-        matches!(self, Self::Glossy | Self::Plastic { .. } | Self::MetalRough)
+        matches!(self, Self::Glossy | Self::Plastic { .. } | Self::MetalRough) || self.is_principled()
+    }
+
+    /// Whether it is Disney's BSDF.
+    pub fn is_principled(self) -> bool {
+        matches!(self, Self::Principled | Self::PrincipledThin)
     }
 
     /// Whether a specular reflectance does: the weight of a lobe or of a mirror.
@@ -350,12 +392,14 @@ impl Surface {
 
     /// Whether an index of refraction means something of it.
     pub fn has_index(self) -> bool {
-        self.refracts() || matches!(self, Self::ThinDielectric | Self::Plastic { .. } | Self::MetalRough)
+        let others = matches!(self, Self::ThinDielectric | Self::Plastic { .. } | Self::MetalRough);
+        self.refracts() || others || self.is_principled()
     }
 
     /// Whether it may have microfacets.
     pub fn may_be_rough(self) -> bool {
-        matches!(self, Self::Dielectric | Self::Conductor | Self::Plastic { .. } | Self::MetalRough)
+        let others = matches!(self, Self::Dielectric | Self::Conductor | Self::Plastic { .. } | Self::MetalRough);
+        others || self.is_principled()
     }
 
     /// The materials that it is made of.
@@ -390,11 +434,27 @@ pub enum Parameter {
     Height,
     /// `Material::emission`.
     Emission,
+    /// `Material::coat`, of a principled surface.
+    Coat,
+    /// `Principled::anisotropy`.
+    Anisotropy,
+    /// `Principled::sheen`.
+    Sheen,
+    /// `Principled::sheen_tint`.
+    SheenTint,
+    /// `Principled::specular_tint`.
+    SpecularTint,
+    /// `Principled::specular_share`.
+    SpecularShare,
+    /// `Principled::flatness`.
+    Flatness,
+    /// `Principled::diffuse_transmission`.
+    DiffuseTransmission,
 }
 
 impl Parameter {
     /// How many there are.
-    pub const COUNT: usize = 9;
+    pub const COUNT: usize = 17;
 
     /// Every one, in the order of `Material::textures`.
     pub const ALL: [Self; Self::COUNT] = [
@@ -407,6 +467,14 @@ impl Parameter {
         Self::Normal,
         Self::Height,
         Self::Emission,
+        Self::Coat,
+        Self::Anisotropy,
+        Self::Sheen,
+        Self::SheenTint,
+        Self::SpecularTint,
+        Self::SpecularShare,
+        Self::Flatness,
+        Self::DiffuseTransmission,
     ];
 
     /// Whether it is one number, which an image has in its first channel.

@@ -339,6 +339,33 @@ fn textures_lie_as_mitsuba_has_them() {
 }
 
 #[test]
+fn principled_materials_keep_their_parameters() {
+    let body = front(
+        "<bsdf type='principled'><rgb name='base_color' value='0.2 0.8 0.1'/><float name='roughness' value='0.5'/>\
+         <texture type='checkerboard' name='sheen'/><float name='clearcoat' value='0.5'/>\
+         <float name='clearcoat_gloss' value='1'/><float name='metallic' value='0.25'/></bsdf>",
+    );
+    assert_eq!((body.surface, body.diffuse), (Surface::Principled, Vec3::new(0.2, 0.8, 0.1)));
+    assert_eq!((body.roughness, body.metalness, body.coat), (Vec2::splat(0.25), 0.25, 0.5));
+    assert!((body.ior - 1.5).abs() < 1e-6 && (body.coat_roughness - 0.001).abs() < 1e-6);
+    assert!(body.texture(Parameter::Sheen).is_some() && !body.has_inside() && !body.is_anisotropic());
+
+    // What light gets into has two sides of its own.
+    let (glassy, _) = shown("<bsdf type='principled'><float name='spec_trans' value='0.5'/></bsdf>");
+    assert!(glassy.surface == Surface::Principled && glassy.has_inside());
+    let (sheet, scene) = shown(
+        "<bsdf type='principledthin'><float name='eta' value='1.33'/><float name='anisotropic' value='0.5'/>\
+         <texture type='checkerboard' name='diff_trans'><float name='color0' value='0.5'/>\
+         <float name='color1' value='2'/></texture></bsdf>",
+    );
+    assert!(sheet.surface == Surface::PrincipledThin && sheet.is_anisotropic());
+    let texture = &scene.textures[sheet.texture(Parameter::DiffuseTransmission).unwrap() as usize];
+    let mut shares: Vec<f32> = texture.texels.iter().map(|texel| texel[0].to_f32()).collect();
+    shares.sort_by(f32::total_cmp);
+    assert_eq!(shares, [0.25, 0.25, 1.0, 1.0]);
+}
+
+#[test]
 fn maps_turn_normals_of_what_they_are_around() {
     let board = "<texture type='checkerboard'/>";
     let bump =

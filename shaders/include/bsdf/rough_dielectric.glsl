@@ -102,6 +102,13 @@ BsdfValue evaluate_rough_dielectric(Material m, Surface surface, vec3 wo, vec3 w
     return value;
 }
 
+// Where a facet refracts `wo`, by its cosine at the facet.
+vec3 refracted_at(RoughInterface seen, vec3 facet, float cos_o) {
+    float squared = (seen.eta - 1.0) * (seen.eta + 1.0) + cos_o * cos_o;
+    vec3 refracted = facet * ((cos_o - sqrt(max(squared, 0.0))) / seen.eta) - seen.facets.wo / seen.eta;
+    return normalize(refracted);
+}
+
 BsdfSample sample_rough_dielectric(Material m, Surface surface, vec3 wo, float choice, vec2 u) {
     RoughInterface seen = rough_interface_of(m, surface, wo);
     vec3 out_direction = seen.facets.wo;
@@ -112,9 +119,7 @@ BsdfSample sample_rough_dielectric(Material m, Surface surface, vec3 wo, float c
         by_facet = split_sample(choice, table_at(seen.table, out_direction.z, table_alpha(seen.facets.alpha)));
     }
     bool reflects = choice < dielectric_reflectance(cos_o, seen.eta);
-    float squared = (seen.eta - 1.0) * (seen.eta + 1.0) + cos_o * cos_o;
-    vec3 refracted = facet * ((cos_o - sqrt(max(squared, 0.0))) / seen.eta) - out_direction / seen.eta;
-    vec3 local = reflects ? 2.0 * cos_o * facet - out_direction : normalize(refracted);
+    vec3 local = reflects ? 2.0 * cos_o * facet - out_direction : refracted_at(seen, facet, cos_o);
     if (HAS_COMPENSATION && !by_facet) {
         reflects = choice >= lost_through(seen);
         local = sample_lost(table_alpha(seen.facets.alpha), u);

@@ -76,6 +76,10 @@ features! {
     metal_rough, "metal-rough": |s| s.any_of(SURFACE_METAL_ROUGH);
     /// Some of those has a clear coat.
     coat, "clear coats": |s| s.any_scattering(|m| m.surface == Surface::MetalRough && m.coat > 0.0);
+    /// Some material is Disney's BSDF of a body.
+    principled, "principled bodies": |s| s.any_of(SURFACE_PRINCIPLED);
+    /// Some material is Disney's BSDF of a thin sheet.
+    principled_thin, "principled sheets": |s| s.any_of(SURFACE_PRINCIPLED_THIN);
     /// Some material is no surface.
     nothing, "transparency": |s| s.any_of(SURFACE_NOTHING);
     /// Some material is a blend, or has one for each side.
@@ -126,6 +130,8 @@ pub(super) fn bsdf_of(material: &scene::Material) -> u32 {
         Surface::Plastic { .. } if is_rough => SURFACE_ROUGH_PLASTIC,
         Surface::Plastic { .. } => SURFACE_PLASTIC,
         Surface::MetalRough => SURFACE_METAL_ROUGH,
+        Surface::Principled => SURFACE_PRINCIPLED,
+        Surface::PrincipledThin => SURFACE_PRINCIPLED_THIN,
         Surface::Nothing => SURFACE_NOTHING,
         Surface::Blend(..) => SURFACE_BLEND,
         Surface::Sides { .. } => SURFACE_SIDES,
@@ -196,7 +202,11 @@ impl Features {
     /// Whether some BSDF is not all specular, so that light samples count.
     fn has_non_specular(&self) -> bool {
         let Self { phong, conductor, rough_dielectric, plastic, rough_plastic, metal_rough, .. } = *self;
-        phong || conductor || rough_dielectric || plastic || rough_plastic || metal_rough
+        phong || conductor || rough_dielectric || plastic || rough_plastic || metal_rough || self.any_principled()
+    }
+
+    fn any_principled(&self) -> bool {
+        self.principled || self.principled_thin
     }
 
     fn scatters(&self) -> bool {
@@ -210,7 +220,7 @@ impl Features {
         let Self { metal_rough, blends, detail_textures, normal_textures, .. } = *self;
         let coats = plastic || rough_plastic || metal_rough;
         let other = smooth_conductor || conductor || rough_dielectric || thin_dielectric;
-        coats || other || blends || detail_textures || normal_textures
+        coats || other || self.any_principled() || blends || detail_textures || normal_textures
     }
 
     /// Whether triangles have texture coordinates.
@@ -283,6 +293,8 @@ impl Needs {
             rough_plastic,
             metal_rough,
             coat,
+            principled,
+            principled_thin,
             nothing,
             blends,
             anisotropy,
@@ -330,6 +342,8 @@ impl Needs {
             has_rough_plastic: rough_plastic,
             has_metal_rough: metal_rough,
             has_coat: coat,
+            has_principled: principled,
+            has_principled_thin: principled_thin,
             has_nothing: nothing,
             has_blends: blends,
             has_anisotropy: anisotropy,

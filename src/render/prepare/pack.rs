@@ -48,6 +48,8 @@ pub(super) fn pack_detail(material: &scene::Material, headers: &[u32], tables: &
     };
     let nonlinear = if material.surface == (Surface::Plastic { nonlinear: true }) { DETAIL_NONLINEAR } else { 0 };
     let beckmann = if material.is_beckmann { DETAIL_BECKMANN } else { 0 };
+    let transmits = if material.has_inside() { DETAIL_TRANSMITS } else { 0 };
+    let principled = material.principled;
     MaterialDetail {
         eta: material.eta.to_array(),
         alpha_x: material.roughness.x.max(SMOOTH),
@@ -61,16 +63,32 @@ pub(super) fn pack_detail(material: &scene::Material, headers: &[u32], tables: &
         map_alpha_x: place(Parameter::Roughness),
         map_alpha_y: place(across),
         map_metalness: place(Parameter::Metalness),
+        map_coat: place(Parameter::Coat),
+        map_anisotropy: place(Parameter::Anisotropy),
+        map_sheen: place(Parameter::Sheen),
+        map_sheen_tint: place(Parameter::SheenTint),
+        map_specular_tint: place(Parameter::SpecularTint),
+        map_specular_share: place(Parameter::SpecularShare),
+        map_flatness: place(Parameter::Flatness),
+        map_diffuse_transmission: place(Parameter::DiffuseTransmission),
         map_normal: place(Parameter::Normal),
         map_height: place(Parameter::Height),
         map_ke: place(Parameter::Emission),
         map_weight: place(Parameter::Weight),
         first: part(0),
         second: part(1),
-        flags: nonlinear | beckmann,
+        flags: nonlinear | beckmann | transmits,
         inner_reflectance: inner_reflectance(material),
         mean_reflectance: mean_reflectance(material).to_array(),
         table: tables.place(material),
+        anisotropy: principled.anisotropy,
+        sheen: principled.sheen,
+        sheen_tint: principled.sheen_tint,
+        specular_tint: principled.specular_tint,
+        specular_share: principled.specular_share,
+        flatness: principled.flatness,
+        diffuse_transmission: principled.diffuse_transmission,
+        unused: 0,
     }
 }
 

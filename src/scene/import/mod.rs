@@ -224,11 +224,28 @@ impl Material {
             Parameter::Diffuse => scatters && surface.is_diffuse(),
             Parameter::Specular => scatters && surface.is_reflector(),
             Parameter::Roughness | Parameter::RoughnessAcross => scatters && surface.may_be_rough(),
-            Parameter::Metalness => scatters && surface == Surface::MetalRough,
+            Parameter::Metalness => scatters && matches!(surface, Surface::MetalRough | Surface::Principled),
+            Parameter::Coat => scatters && surface == Surface::Principled,
+            Parameter::DiffuseTransmission => scatters && surface == Surface::PrincipledThin,
+            Parameter::Anisotropy
+            | Parameter::Sheen
+            | Parameter::SheenTint
+            | Parameter::SpecularTint
+            | Parameter::SpecularShare
+            | Parameter::Flatness => scatters && surface.is_principled(),
             Parameter::Weight => matches!(surface, Surface::Blend(..)),
             Parameter::Normal | Parameter::Height => scatters,
             Parameter::Emission => true,
         }
+    }
+
+    /// Whether some light gets to the other side.
+    pub fn transmits(&self) -> bool {
+        let optics = &self.optics;
+        let glass =
+            matches!(optics.surface, Surface::ThinDielectric | Surface::PrincipledThin) || optics.surface.refracts();
+        let shares = optics.principled.specular_share > 0.0 || self.map(Parameter::SpecularShare).is_some();
+        glass || (optics.surface == Surface::Principled && shares)
     }
 
     /// Whether the value of an MTL key makes a difference to the surface.

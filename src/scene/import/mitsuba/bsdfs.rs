@@ -102,7 +102,7 @@ impl Importer<'_, '_, '_> {
                 if let Some(map) = around.turned_by {
                     self.turn(&mut leaf, map)?;
                 }
-                let reflects_only = !leaf.optics.surface.refracts() && leaf.optics.surface != Surface::ThinDielectric;
+                let reflects_only = !leaf.transmits();
                 let front = self.add(leaf);
                 match reflects_only && !around.is_two_sided {
                     true => {
@@ -243,7 +243,7 @@ impl Importer<'_, '_, '_> {
                     self.set_roughness(&mut leaf, object)?;
                 }
             }
-            "principled" => self.set_principled(&mut leaf, object)?,
+            "principled" | "principledthin" => self.set_principled(&mut leaf, object)?,
             _ => {
                 self.unsupported(object);
                 leaf.optics.diffuse = Vec3::splat(0.5);
@@ -333,60 +333,95 @@ impl Importer<'_, '_, '_> {
         Ok(())
     }
 
-    /// The nearest that a mixture of metal and of a body under an interface comes to Disney's BSDF.
+    /// Disney's BSDF, of a body or of a thin sheet.
     fn set_principled(&mut self, leaf: &mut Material, object: &Object) -> Result<(), SceneError> {
-        leaf.optics.surface = Surface::MetalRough;
-        leaf.optics.specular = Vec3::ONE;
+        let is_thin = object.plugin == "principledthin";
+        leaf.optics.surface = if is_thin { Surface::PrincipledThin } else { Surface::Principled };
         self.set_diffuse(leaf, object, "base_color")?;
-        let metalness = self.scalar(object, "metallic", 0.0)?;
-        set_scalar(leaf, Parameter::Metalness, metalness, |optics, share| optics.metalness = share.clamp(0.0, 1.0));
-        let mut left_out = Vec::new();
-        // What no image can give: the number, or none where an image gives it.
-        let mut numbers = [0.0; 8];
-        const NAMES: [&str; 8] = [
-            "anisotropic",
-            "clearcoat",
-            "clearcoat_gloss",
-            "spec_trans",
-            "sheen",
-            "sheen_tint",
-            "flatness",
-            "spec_tint",
-        ];
-        for (place, name) in NAMES.into_iter().enumerate() {
-            let is_shown = place < 3;
-            match self.scalar(object, name, 0.0)? {
-                Given::Constant(value) if is_shown || value == 0.0 => numbers[place] = value.clamp(0.0, 1.0),
-                _ => left_out.push(name),
-            }
-        }
-        let [anisotropic, clearcoat, gloss, ..] = numbers;
-        let aspect = (1.0 - 0.9 * anisotropic).sqrt();
-        leaf.optics.coat = 0.25 * clearcoat;
-        leaf.optics.coat_roughness = 0.1 + (0.001 - 0.1) * gloss;
+        self.set_shares(
+            leaf,
+            object,
+            &[
+                ("anisotropic", Parameter::Anisotropy, |optics| &mut optics.principled.anisotropy),
+                ("spec_tint", Parameter::SpecularTint, |optics| &mut optics.principled.specular_tint),
+                ("sheen", Parameter::Sheen, |optics| &mut optics.principled.sheen),
+                ("sheen_tint", Parameter::SheenTint, |optics| &mut optics.principled.sheen_tint),
+                ("flatness", Parameter::Flatness, |optics| &mut optics.principled.flatness),
+                ("spec_trans", Parameter::SpecularShare, |optics| &mut optics.principled.specular_share),
+            ],
+        )?;
         match self.scalar(object, "roughness", 0.5)? {
-            Given::Constant(roughness) => {
-                let alpha = (roughness * roughness).clamp(0.0, 1.0);
-                leaf.optics.roughness = Vec2::new(alpha / aspect, alpha * aspect).min(Vec2::ONE);
-            }
+            Given::Constant(roughness) => leaf.optics.roughness = Vec2::splat((roughness * roughness).min(1.0)),
             Given::Image(map) => {
                 leaf.set_map(Parameter::Roughness, Some(Map { response: Response::Squared, ..map }));
             }
         }
-        leaf.optics.ior = match object.has("eta") {
-            true => object.float_in("eta", 1.5, 1.0..=f64::from(f32::MAX), "an index of refraction of 1 or more")?,
+        const INDEX: &str = "an index of refraction of 1 or more";
+        let index = |default: f64| object.float_in("eta", default, 1.0..=1e3, INDEX);
+        if is_thin {
+            leaf.optics.ior = index(1.5)? as f32;
+            match self.scalar(object, "diff_trans", 0.0)? {
+                Given::Constant(twice) => leaf.optics.principled.diffuse_transmission = (0.5 * twice).clamp(0.0, 1.0),
+                Given::Image(map) => {
+                    leaf.set_map(Parameter::DiffuseTransmission, Some(Map { factor: 0.5 * map.factor, ..map }));
+                }
+            }
+            object.ignore(&[
+                "diffuse_reflectance_sampling_rate",
+                "specular_reflectance_sampling_rate",
+                "specular_transmittance_sampling_rate",
+                "diffuse_transmittance_sampling_rate",
+            ]);
+            return Ok(());
+        }
+        self.set_shares(
+            leaf,
+            object,
+            &[
+                ("metallic", Parameter::Metalness, |optics| &mut optics.metalness),
+                ("clearcoat", Parameter::Coat, |optics| &mut optics.coat),
+            ],
+        )?;
+        let gloss = match self.scalar(object, "clearcoat_gloss", 0.0)? {
+            Given::Constant(gloss) => gloss.clamp(0.0, 1.0),
+            Given::Image(_) => {
+                let text = "clearcoat_gloss of principled is a constant; 0.5 is taken for its texture";
+                self.note("textures of principled", object.at("clearcoat_gloss"), text);
+                0.5
+            }
+        };
+        leaf.optics.coat_roughness = 0.1 + (0.001 - 0.1) * gloss;
+        // Without a difference of indices nothing could be transmitted by a facet.
+        let refracts = leaf.transmits();
+        let ior = match object.has("eta") {
+            true => match index(1.5)? {
+                1.0 if refracts => 1.001,
+                ior => ior,
+            },
             false => {
-                let specular = object.float_in("specular", 0.5, 0.0..=1.0, "a number in [0, 1]")?;
+                let specular = match object.float_in("specular", 0.5, 0.0..=1.0, "a number in [0, 1]")? {
+                    0.0 if refracts => 1e-3,
+                    specular => specular,
+                };
                 2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0
             }
-        } as f32;
-        let rates = ["main_specular_sampling_rate", "clearcoat_sampling_rate", "diffuse_reflectance_sampling_rate"];
-        object.ignore(&rates);
-        let mut text = "principled is shown as a mixture of a metal and of a body under an interface".to_owned();
-        if !left_out.is_empty() {
-            text += &format!(", without {}", left_out.join(", "));
+        };
+        leaf.optics.ior = ior as f32;
+        object.ignore(&["main_specular_sampling_rate", "clearcoat_sampling_rate", "diffuse_reflectance_sampling_rate"]);
+        Ok(())
+    }
+
+    /// Parameters in [0, 1] that are 0 where they are not given.
+    fn set_shares(
+        &mut self,
+        leaf: &mut Material,
+        object: &Object,
+        shares: &[(&str, Parameter, fn(&mut scene::Material) -> &mut f32)],
+    ) -> Result<(), SceneError> {
+        for (name, parameter, field) in shares {
+            let given = self.scalar(object, name, 0.0)?;
+            set_scalar(leaf, *parameter, given, |optics, share| *field(optics) = share.clamp(0.0, 1.0));
         }
-        self.note("principled", &object.location, text);
         Ok(())
     }
 }
