@@ -35,7 +35,8 @@ PrincipledSheet principled_sheet_of(Material m, Surface surface, vec3 wo) {
     float reflectance = dielectric_reflectance(cos_o, m.ni);
     SheetShares shares;
     shares.reflection = p.specular_share * mean3(tinted_reflectance(m, cos_o, reflectance));
-    shares.transmission = p.specular_share * (1.0 - reflectance) * mean3(m.kd);
+    // At grazing angles the facets that are seen lean towards `wo`, and transmit more than a smooth sheet.
+    shares.transmission = p.specular_share * max(1.0 - reflectance, 0.5) * mean3(m.kd);
     shares.diffuse = (1.0 - p.specular_share) * (1.0 - p.diffuse_transmission) * principled_brightness(m);
     shares.diffuse_transmission = (1.0 - p.specular_share) * p.diffuse_transmission * mean3(m.kd);
     float scale = 1.0 / (shares.reflection + shares.transmission + shares.diffuse + shares.diffuse_transmission + 1e-9);
