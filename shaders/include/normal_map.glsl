@@ -7,6 +7,10 @@
 // it the terminator is hard. `wi` is the direction of the light. (Conty Estevez, Lecocq and Stein 2019, A Microfacet-Based
 // Shadowing Function to Solve the Bump Terminator Problem)
 float bump_shadowing(Surface surface, vec3 wi) {
+    // Where no image turns it, nothing is lost to rounding.
+    if (all(equal(surface.smooth_normal, surface.shading_normal))) {
+        return 1.0;
+    }
     float between = min(abs(dot(surface.smooth_normal, surface.shading_normal)), 1.0);
     float tan2 = (1.0 - between * between) / max(between * between, 1e-6);
     float alpha2 = clamp(0.125 * tan2, 0.0, 1.0);

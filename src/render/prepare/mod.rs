@@ -305,6 +305,7 @@ impl PreparedScene {
     /// long as if each triangle had some.
     pub fn buffers(&self, specialize: bool) -> [SceneBuffer<'_>; 11] {
         let triangles = if specialize { 1 } else { self.triangles.len() as u64 };
+        let details = if specialize { 1 } else { u64::from(MATERIAL_DETAIL_TEXELS) * self.materials.len() as u64 };
         fn buffer<'a>(name: &'static str, texel_bytes: u64, contents: &'a [u8], least: u64) -> SceneBuffer<'a> {
             SceneBuffer { name, texel_bytes, contents, size: (contents.len() as u64).max(least) }
         }
@@ -312,7 +313,7 @@ impl PreparedScene {
             buffer("nodes", 16, bytemuck::cast_slice(&self.bvh.texels), 16),
             buffer("triangles", 16, bytemuck::cast_slice(&self.triangles), 16),
             buffer("materials", 16, bytemuck::cast_slice(&self.materials), 16),
-            buffer("material_details", 16, bytemuck::cast_slice(&self.material_details), 16),
+            buffer("material_details", 16, bytemuck::cast_slice(&self.material_details), 16 * details),
             buffer("punctual_lights", 16, bytemuck::cast_slice(&self.punctual_lights), 16),
             buffer("lights", 16, bytemuck::cast_slice(&self.lights), 16),
             buffer("normals", 16, bytemuck::cast_slice(&self.normals), 16 * triangles),
