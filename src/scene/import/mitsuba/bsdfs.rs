@@ -36,6 +36,9 @@ fn material(object: &Object, surface: Surface) -> Material {
     material
 }
 
+/// Where a material keeps a share.
+type Share = fn(&mut scene::Material) -> &mut f32;
+
 impl Importer<'_, '_, '_> {
     /// The material of a BSDF.
     pub fn bsdf(&mut self, place: usize, around: Around, depth: u32) -> Result<u32, SceneError> {
@@ -416,7 +419,7 @@ impl Importer<'_, '_, '_> {
         &mut self,
         leaf: &mut Material,
         object: &Object,
-        shares: &[(&str, Parameter, fn(&mut scene::Material) -> &mut f32)],
+        shares: &[(&str, Parameter, Share)],
     ) -> Result<(), SceneError> {
         for (name, parameter, field) in shares {
             let given = self.scalar(object, name, 0.0)?;
