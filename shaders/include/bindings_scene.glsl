@@ -43,16 +43,16 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     WORD fetch_##NAME(uint index) { return NAME.words[index]; }
 
 // Read through records.glsl only.
-SCENE_BUFFER(1, nodes, uvec4)                // NODE_TEXELS a node
-SCENE_BUFFER(2, triangles, uvec4)            // TRIANGLE_TEXELS a triangle, in leaf order
-SCENE_BUFFER(3, materials, uvec4)            // MATERIAL_TEXELS a material
-SCENE_BUFFER(4, lights, uvec4)               // triangle, alias threshold, alias, unused
-SCENE_BUFFER(5, normals, uvec4)              // three octahedral normals, 1 if there are any
+SCENE_BUFFER(1, nodes, uvec4)                  // NODE_TEXELS a node
+SCENE_BUFFER(2, triangles, uvec4)              // TRIANGLE_TEXELS a triangle, in leaf order
+SCENE_BUFFER(3, materials, uvec4)              // MATERIAL_TEXELS a material
+SCENE_BUFFER(4, lights, uvec4)                 // triangle, alias threshold, alias, unused
+SCENE_BUFFER(5, normals, uvec4)                // three octahedral normals, 1 if there are any
 SCENE_BUFFER(6, texture_coordinates, uvec2)    // three a triangle
 SCENE_BUFFER(7, textures, uvec2)               // per image its header, then linear RGB as halves; tables
-SCENE_BUFFER(8, environment, uvec4)          // radiance, probability of the texel
-SCENE_BUFFER(9, environment_splits, uvec4)   // probability of a block's upper half; of the left in each half; unused
-SCENE_BUFFER(10, material_details, uvec4)    // MATERIAL_DETAIL_TEXELS a material, if some have details
-SCENE_BUFFER(11, punctual_lights, uvec4)     // PUNCTUAL_LIGHT_TEXELS a light
+SCENE_BUFFER(8, environment, uvec4)            // radiance, probability of the texel
+SCENE_BUFFER(9, environment_splits, uvec4)     // probability of a block's upper half; of the left in each half; unused
+SCENE_BUFFER(10, material_details, uvec4)      // MATERIAL_DETAIL_TEXELS a material, if some have details
+SCENE_BUFFER(11, punctual_lights, uvec4)       // PUNCTUAL_LIGHT_TEXELS a light
 
 #endif

@@ -233,17 +233,12 @@ const uint LIGHTS_OF_POINTS = 2u;
 // Probability that a light sample is of that kind.
 float light_selection_pmf(uint kind) {
     float pmf = 1.0;
-    float rest = 1.0;
-    if (HAS_PUNCTUAL_LIGHTS) {
-        pmf = frame.punctual_probability;
-        rest = 1.0 - frame.punctual_probability;
+    if (HAS_ENVIRONMENT && HAS_LIGHTS) {
+        pmf = kind == LIGHTS_OF_ENVIRONMENT ? frame.sky_probability : 1.0 - frame.sky_probability;
     }
-    if (kind != LIGHTS_OF_POINTS) {
-        pmf = rest;
-        if (HAS_ENVIRONMENT && HAS_LIGHTS) {
-            pmf = kind == LIGHTS_OF_ENVIRONMENT ? frame.sky_probability : 1.0 - frame.sky_probability;
-            pmf = HAS_PUNCTUAL_LIGHTS ? pmf * rest : pmf;
-        }
+    if (HAS_PUNCTUAL_LIGHTS) {
+        float of_points = frame.punctual_probability;
+        pmf = kind == LIGHTS_OF_POINTS ? of_points : pmf * (1.0 - of_points);
     }
     return pmf;
 }

@@ -46,6 +46,9 @@ vec2 cosine_power_of(float exponent, float u) {
 // A direction of pdf cos / pi over solid angle.
 vec3 sample_cosine(vec3 n, vec2 u) { return around(n, vec2(cosine_of(u.x), sine_of(cosine_of(u.x))), u.y); }
 
+// The same about the z axis.
+vec3 sample_cosine(vec2 u) { return vec3(sine_of(cosine_of(u.x)) * on_circle(u.y), cosine_of(u.x)); }
+
 // Uniform over the unit disk, in polar coordinates.
 vec2 sample_disk(vec2 u) { return sqrt(u.x) * on_circle(u.y); }
 

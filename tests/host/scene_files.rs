@@ -1187,5 +1187,6 @@ fn roughness_metal_and_opacity_are_shown() {
     for text in ["newmtl a\nd 1\n", "newmtl a\nd 0.5\nillum 7\nNi 1.5\n", "newmtl a\nd 0.5\nKe 1\n"] {
         let scene = scene_of(LIT_TRIANGLE, text);
         assert!(scene.materials.iter().all(|m| !matches!(m.surface, Surface::Blend(..))), "{text}");
+        assert_eq!(warns(&scene, "is not shown: it is glass or a light"), text.contains("d 0.5"), "{text}");
     }
 }

@@ -29,7 +29,7 @@ BsdfValue evaluate_conductor(Material m, Surface surface, vec3 wo, vec3 wi) {
     Microfacets facets = microfacets_of(surface, m.detail, wo);
     vec3 local = to_facets(facets, wi);
     BsdfValue value = BsdfValue(vec3(0.0), 0.0);
-    if (local.z > 0.0 && side_of(surface, wo) == side_of(surface, wi)) {
+    if (is_reflected(surface, wo, wi, local.z)) {
         value = evaluate_facets_of_metal(m, facets, local);
     }
     return value;
@@ -46,7 +46,7 @@ BsdfSample sample_conductor(Material m, Surface surface, vec3 wo, float choice, 
     }
     vec3 wi = from_facets(facets, local);
     BsdfValue value = BsdfValue(vec3(0.0), 1.0);
-    if (local.z > 0.0 && side_of(surface, wo) == side_of(surface, wi)) {
+    if (is_reflected(surface, wo, wi, local.z)) {
         value = evaluate_facets_of_metal(m, facets, local);
     }
     return sample_of(value, wi, BSDF_GLOSSY | BSDF_REFLECT, 1.0);

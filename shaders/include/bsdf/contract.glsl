@@ -61,4 +61,9 @@ vec3 mirroring_normal(Surface surface, vec3 wo) {
     return HAS_SHADING_NORMALS && bent ? surface.geometric_normal * side : n;
 }
 
+// Whether `wi`, at a cosine from the normal towards `wo`, is on the side of `wo` by that normal and by geometry.
+bool is_reflected(Surface surface, vec3 wo, vec3 wi, float cosine) {
+    return cosine > 0.0 && side_of(surface, wo) == side_of(surface, wi);
+}
+
 #endif

@@ -95,7 +95,7 @@ BsdfValue evaluate_metal_rough(Material m, Surface surface, vec3 wo, vec3 wi) {
     MetalRough mixture = metal_rough_of(m, surface, wo);
     vec3 local = to_facets(mixture.facets, wi);
     BsdfValue value = BsdfValue(vec3(0.0), 0.0);
-    if (local.z > 0.0 && side_of(surface, wo) == side_of(surface, wi)) {
+    if (is_reflected(surface, wo, wi, local.z)) {
         value = evaluate_mixture(mixture, local);
     }
     return value;
@@ -106,7 +106,7 @@ BsdfSample sample_metal_rough(Material m, Surface surface, vec3 wo, float choice
     MetalRoughShares shares = mixture.shares;
     bool by_coat = HAS_COAT && choice < shares.coat;
     bool by_facets = by_coat || choice < shares.coat + shares.facets;
-    vec3 local = vec3(sine_of(cosine_of(u.x)) * on_circle(u.y), cosine_of(u.x));
+    vec3 local = sample_cosine(u);
     if (by_facets) {
         Microfacets facets = mixture.facets;
         if (by_coat) {
@@ -118,7 +118,7 @@ BsdfSample sample_metal_rough(Material m, Surface surface, vec3 wo, float choice
     }
     vec3 wi = from_facets(mixture.facets, local);
     BsdfValue value = BsdfValue(vec3(0.0), 1.0);
-    if (local.z > 0.0 && side_of(surface, wo) == side_of(surface, wi)) {
+    if (is_reflected(surface, wo, wi, local.z)) {
         value = evaluate_mixture(mixture, local);
     }
     return sample_of(value, wi, BSDF_REFLECT | (by_facets ? BSDF_GLOSSY : BSDF_DIFFUSE), 1.0);

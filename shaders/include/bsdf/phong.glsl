@@ -26,7 +26,7 @@ float phong_lobe(Material m, vec3 n, vec3 wo, vec3 wi) {
 BsdfValue evaluate_phong(Material m, Surface surface, vec3 wo, vec3 wi) {
     vec3 n = normal_towards(surface, wo);
     float cos_theta = dot(n, wi);
-    bool above = cos_theta > 0.0 && side_of(surface, wo) == side_of(surface, wi);
+    bool above = is_reflected(surface, wo, wi, cos_theta);
     vec3 f = m.kd * INVERSE_PI;
     float pdf = cos_theta * INVERSE_PI;
     if (HAS_PHONG_LOBES) {

@@ -25,7 +25,7 @@ BsdfValue evaluate_plastic(Material m, Surface surface, vec3 wo, vec3 wi) {
     float cos_o = min(dot(n, wo), 1.0);
     float cos_i = min(dot(n, wi), 1.0);
     BsdfValue value = BsdfValue(vec3(0.0), 0.0);
-    if (cos_i > 0.0 && side_of(surface, wo) == side_of(surface, wi)) {
+    if (is_reflected(surface, wo, wi, cos_i)) {
         float reflected = dielectric_reflectance(cos_o, m.ni);
         value.f_cos = base_under_coat(m, 1.0 - dielectric_reflectance(cos_i, m.ni), 1.0 - reflected, cos_i);
         value.pdf = (1.0 - coat_probability(m, reflected)) * cos_i * INVERSE_PI;
@@ -61,7 +61,7 @@ BsdfValue evaluate_rough_plastic(Material m, Surface surface, vec3 wo, vec3 wi) 
     Microfacets facets = microfacets_of(surface, m.detail, wo);
     vec3 local = to_facets(facets, wi);
     BsdfValue value = BsdfValue(vec3(0.0), 0.0);
-    if (local.z > 0.0 && side_of(surface, wo) == side_of(surface, wi)) {
+    if (is_reflected(surface, wo, wi, local.z)) {
         value = evaluate_rough_coat(m, facets, local);
     }
     return value;
@@ -71,13 +71,13 @@ BsdfSample sample_rough_plastic(Material m, Surface surface, vec3 wo, float choi
     Microfacets facets = microfacets_of(surface, m.detail, wo);
     float out_share = table_at(m.detail.table, facets.wo.z, table_alpha(facets.alpha));
     bool by_coat = choice < coat_probability(m, 1.0 - out_share);
-    vec3 local = vec3(sine_of(cosine_of(u.x)) * on_circle(u.y), cosine_of(u.x));
+    vec3 local = sample_cosine(u);
     if (by_coat) {
         local = sample_reflection(facets, u);
     }
     vec3 wi = from_facets(facets, local);
     BsdfValue value = BsdfValue(vec3(0.0), 1.0);
-    if (local.z > 0.0 && side_of(surface, wo) == side_of(surface, wi)) {
+    if (is_reflected(surface, wo, wi, local.z)) {
         value = evaluate_rough_coat(m, facets, local);
     }
     return sample_of(value, wi, BSDF_REFLECT | (by_coat ? BSDF_GLOSSY : BSDF_DIFFUSE), 1.0);

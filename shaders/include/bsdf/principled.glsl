@@ -167,7 +167,7 @@ BsdfSample sample_principled(Material m, Surface surface, vec3 wo, float choice,
     vec3 out_direction = body.seen.facets.wo;
     bool reflects = true;
     bool is_diffuse = !split_sample(choice, body.diffuse_share);
-    vec3 local = vec3(sine_of(cosine_of(u.x)) * on_circle(u.y), cosine_of(u.x));
+    vec3 local = sample_cosine(u);
     vec3 facet = vec3(0.0, 0.0, 1.0);
     if (is_diffuse) {
         facet = facet_between(body.seen, local);

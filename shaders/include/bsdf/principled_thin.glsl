@@ -92,7 +92,7 @@ BsdfSample sample_principled_thin(Material m, Surface surface, vec3 wo, float ch
     vec3 out_direction = sheet.facets.wo;
     bool is_diffuse = !split_sample(choice, shares.diffuse + shares.diffuse_transmission);
     bool reflects = false;
-    vec3 local = vec3(sine_of(cosine_of(u.x)) * on_circle(u.y), cosine_of(u.x));
+    vec3 local = sample_cosine(u);
     vec3 facet = normalize(out_direction + local);
     if (is_diffuse) {
         reflects = choice * (shares.diffuse + shares.diffuse_transmission) < shares.diffuse;

@@ -92,23 +92,29 @@ pub(super) fn sky_probability(features: Features, lights: &AreaLights, sky: &Sky
     if !shines || lights.cells.is_empty() {
         return if shines { 1.0 } else { 0.0 };
     }
-    // Light of the environment arrives through the disk of the bounds' sphere.
-    let received = 0.5 * sky.power * PI * 0.25 * size.length_squared();
-    let share = (received / (received + lights.power)).clamp(0.1, 0.9);
-    // Exact in the 24 bits of a random number.
-    ((share * 256.0).round() / 256.0) as f32
+    share(0.5 * sky.power * disk(size), lights.power)
 }
 
 /// Probability that a light sample is of the lights that are no surfaces: their share of the power that the scene receives,
 /// but a tenth at least where there are others, and as much for the others. `power` is their strength as the middle of the
 /// scene receives it.
 pub(super) fn punctual_probability(power: f64, lights: &AreaLights, sky: &Sky, size: DVec3) -> f32 {
-    let received = 0.25 * PI * size.length_squared() * power;
-    let others = lights.power + 0.5 * sky.power * PI * 0.25 * size.length_squared();
-    if received == 0.0 || others == 0.0 {
-        return if received == 0.0 { 0.0 } else { 1.0 };
+    let received = power * disk(size);
+    let others = lights.power + 0.5 * sky.power * disk(size);
+    match received {
+        0.0 => 0.0,
+        _ if others == 0.0 => 1.0,
+        _ => share(received, others),
     }
-    let share = (received / (received + others)).clamp(0.1, 0.9);
-    // Exact in the 24 bits of a random number.
+}
+
+/// Area of the disk through which light from far away arrives at the sphere of bounds of that size.
+fn disk(size: DVec3) -> f64 {
+    PI * 0.25 * size.length_squared()
+}
+
+/// Share of one power in two, between a tenth and nine, exact in the 24 bits of a random number.
+fn share(own: f64, others: f64) -> f32 {
+    let share = (own / (own + others)).clamp(0.1, 0.9);
     ((share * 256.0).round() / 256.0) as f32
 }

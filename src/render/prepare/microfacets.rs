@@ -120,7 +120,7 @@ impl<'a> Tables<'a> {
         for row in &rows {
             self.words.extend((0..size).map(|column| pair(row, column)));
         }
-        let means: Vec<f64> = rows.iter().map(|row| mean(|cosine| interpolated(row, cosine))).collect();
+        let means: Vec<f64> = rows.iter().map(|row| mean(STEPS, |cosine| interpolated(row, cosine))).collect();
         self.words.extend((0..size).map(|row| pair(&means, row)));
     }
 }
@@ -132,12 +132,15 @@ fn interpolated(row: &[f64], cosine: f64) -> f64 {
     row[left] + (row[left + 1] - row[left]) * (at - left as f64)
 }
 
+/// Steps in which the mean of a function is taken that is fast to compute, and of one that is not.
+const STEPS: u32 = 1024;
+const FEW_STEPS: u32 = 64;
+
 /// The mean of a function of the cosine over directions, weighted by the cosine.
-fn mean(value: impl Fn(f64) -> f64) -> f64 {
-    const STEPS: usize = 1024;
+fn mean(steps: u32, value: impl Fn(f64) -> f64) -> f64 {
     // The cosine's square is uniform.
-    let at = |step: usize| ((step as f64 + 0.5) / STEPS as f64).sqrt();
-    (0..STEPS).map(|step| value(at(step))).sum::<f64>() / STEPS as f64
+    let at = |step: u32| ((f64::from(step) + 0.5) / f64::from(steps)).sqrt();
+    (0..steps).map(|step| value(at(step))).sum::<f64>() / f64::from(steps)
 }
 
 /// Reflectance of unpolarised light at a dielectric. `eta` is the index beyond over the index before. (Fresnel 1823)
@@ -170,20 +173,13 @@ pub(super) fn inner_reflectance(material: &Material) -> f32 {
     let eta = 1.0 / f64::from(material.ior);
     let alpha = f64::from(material.roughness.max_element());
     let inner = match material.surface {
-        Surface::Plastic { .. } if material.is_rough() && alpha > 0.01 => mean_of_few(|cosine| {
+        Surface::Plastic { .. } if material.is_rough() && alpha > 0.01 => mean(FEW_STEPS, |cosine| {
             scattered(cosine, alpha, Distribution::of(material), |cosine| reflectance(cosine, eta))
         }),
-        Surface::Plastic { .. } => mean(|cosine| reflectance(cosine, eta)),
+        Surface::Plastic { .. } => mean(STEPS, |cosine| reflectance(cosine, eta)),
         _ => 0.0,
     };
     inner as f32
-}
-
-/// As [`mean`], of a function that takes long.
-fn mean_of_few(value: impl Fn(f64) -> f64) -> f64 {
-    const STEPS: usize = 64;
-    let at = |step: usize| ((step as f64 + 0.5) / STEPS as f64).sqrt();
-    (0..STEPS).map(|step| value(at(step))).sum::<f64>() / STEPS as f64
 }
 
 /// Mean reflectance of a metal's microfacets, weighted by the cosine.
@@ -191,7 +187,8 @@ pub(super) fn mean_reflectance(material: &Material) -> Vec3 {
     if material.surface != Surface::Conductor {
         return Vec3::ZERO;
     }
-    let channel = |eta: f32, k: f32| mean(|cosine| metal_reflectance(cosine, f64::from(eta), f64::from(k))) as f32;
+    let channel =
+        |eta: f32, k: f32| mean(STEPS, |cosine| metal_reflectance(cosine, f64::from(eta), f64::from(k))) as f32;
     let (eta, k) = (material.eta, material.absorption);
     material.specular * Vec3::new(channel(eta.x, k.x), channel(eta.y, k.y), channel(eta.z, k.z))
 }

@@ -168,7 +168,7 @@ impl PreparedScene {
                 Triangle { v0, original, v1, material, v2, light_area: 0.0 }
             })
             .collect();
-        let radiance_scale = radiance_scale(scene);
+        let radiance_scale = radiance_scale(scene, &normalisation);
         let area_lights = AreaLights::of(scene, &bvh, &corners)?;
         for (light, area) in area_lights.cells.iter().zip(&area_lights.areas) {
             triangles[light.triangle as usize].light_area = *area as f32;

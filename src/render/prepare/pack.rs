@@ -7,7 +7,7 @@ use glam::{DVec3, Vec2, Vec3};
 use super::features::bsdf_of;
 use super::lights::brightness;
 use super::microfacets::{Tables, inner_reflectance, mean_reflectance};
-use super::space::{Normalisation, scaled};
+use super::space::{Normalisation, scaled, strength};
 use crate::alias::alias_table;
 use crate::constants::*;
 use crate::layout::{Material, MaterialDetail, Normals, PunctualLight};
@@ -171,15 +171,7 @@ pub(super) fn pack_lights(
     normalisation: &Normalisation,
     radiance_scale: f64,
 ) -> (Vec<PunctualLight>, f64) {
-    // What reaches the middle of the scene, or its sphere. A point's intensity is by square units.
-    let square = normalisation.scale.powi(2);
-    let strengths: Vec<Vec3> = lights
-        .iter()
-        .map(|light| match light {
-            Light::Point { intensity, .. } | Light::Spot { intensity, .. } => *intensity * square as f32,
-            Light::Directional { irradiance, .. } => *irradiance,
-        })
-        .collect();
+    let strengths: Vec<Vec3> = lights.iter().map(|light| strength(light, normalisation)).collect();
     let weights: Vec<f64> = strengths.iter().map(|strength| brightness(*strength)).collect();
     let total: f64 = weights.iter().sum();
     if lights.is_empty() || total == 0.0 {

@@ -6,7 +6,7 @@ use crate::scene::{Environment, Light, Scene};
 
 /// The power of two that scales the geometric mean of the brightest and the dimmest light to about 1, so that the sums and
 /// squares of samples stay clear of both ends of `f32`. It rounds nothing.
-pub(super) fn radiance_scale(scene: &Scene) -> f64 {
+pub(super) fn radiance_scale(scene: &Scene, normalisation: &Normalisation) -> f64 {
     let area_lights =
         scene.materials.iter().zip(scene.shown_materials()).filter(|(_, shown)| *shown).map(|(m, _)| m.emission);
     let environment = match &scene.environment {
@@ -14,11 +14,7 @@ pub(super) fn radiance_scale(scene: &Scene) -> f64 {
         Environment::Constant(radiance) => *radiance,
         Environment::LatLong(map) => map.radiance.iter().fold(Vec3::ZERO, |peak, texel| peak.max(*texel)),
     };
-    let square = Normalisation::of(scene).scale.powi(2) as f32;
-    let punctual = scene.lights.iter().map(|light| match light {
-        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => *intensity * square,
-        Light::Directional { irradiance, .. } => *irradiance,
-    });
+    let punctual = scene.lights.iter().map(|light| strength(light, normalisation));
     let peaks = area_lights
         .chain([environment])
         .chain(punctual)
@@ -26,6 +22,17 @@ pub(super) fn radiance_scale(scene: &Scene) -> f64 {
         .filter(|peak| *peak > 0.0);
     let (low, high) = peaks.fold((f64::INFINITY, 0.0_f64), |(low, high), peak| (low.min(peak), high.max(peak)));
     if high > 0.0 { (-0.5 * (low.log2() + high.log2())).round().exp2() } else { 1.0 }
+}
+
+/// What of a light that is no surface reaches a point at a normalised length of 1, or any point if it is far away.
+pub(super) fn strength(light: &Light, normalisation: &Normalisation) -> Vec3 {
+    match light {
+        // By square units.
+        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => {
+            *intensity * normalisation.scale.powi(2) as f32
+        }
+        Light::Directional { irradiance, .. } => *irradiance,
+    }
 }
 
 /// Flushes subnormal numbers to zero, as some devices do and others do not.

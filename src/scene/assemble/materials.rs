@@ -29,7 +29,8 @@ pub(super) struct Materials {
     known: Vec<[Option<u32>; 2]>,
     /// `None` while its parts are made.
     made: Vec<Option<Material>>,
-    /// What each texture was made of, and its index.
+    /// Texels of textures by what they were made of, and textures by their texels and where they lie.
+    texels: HashMap<TexelOrigin, Arc<[[f16; 4]]>>,
     origins: HashMap<Origin, u32>,
     textures: Vec<Texture>,
 }
@@ -42,8 +43,8 @@ type Origin = (TexelOrigin, [u32; 6], Wrap, bool);
 impl Materials {
     pub fn new(described: Vec<import::Material>, images: Vec<ImageFile>) -> Self {
         let known = vec![[None; 2]; described.len()];
-        let (decoded, made, origins, textures) = Default::default();
-        Self { described, images, decoded, known, made, origins, textures }
+        let (decoded, made, texels, origins, textures) = Default::default();
+        Self { described, images, decoded, known, made, texels, origins, textures }
     }
 
     /// Whether a material of the scene, or a part of it, needs texture coordinates.
@@ -69,7 +70,7 @@ impl Materials {
     ) -> Result<u32, SceneError> {
         let described = described as usize;
         if self.described[described].is_transparent() {
-            self.part(described);
+            self.split(described);
         }
         let needs_coordinates = self.reaches_coordinates(described, 0);
         let kind = usize::from(needs_coordinates && has_uvs);
@@ -87,6 +88,12 @@ impl Materials {
             let location = material.location.clone().unwrap_or_else(|| user.clone());
             let text = "a material with Ke is a light and shows no map_Kd".to_owned();
             sources.note(&Warning { kind: "image on a light", location, text });
+        }
+        if material.hides_opacity() {
+            let location = material.location.clone().unwrap_or_else(|| user.clone());
+            let text =
+                format!("the opacity of `{}` is not shown: it is glass or a light", excerpt(&material.optics.name));
+            sources.note(&Warning { kind: "opacity", location, text });
         }
         if material.visible_maps().next().is_some() && !has_uvs {
             let name = excerpt(&material.optics.name);
@@ -110,7 +117,7 @@ impl Materials {
     }
 
     /// Makes of a transparent material a blend of its opaque self and of nothing.
-    fn part(&mut self, described: usize) {
+    fn split(&mut self, described: usize) {
         let mut opaque = self.described[described].clone();
         opaque.opacity = 1.0;
         opaque.set_map(Parameter::Weight, None);
@@ -232,13 +239,12 @@ impl Materials {
             Response::Squared => [1, 0],
             Response::Cutoff(least) => [2, least.to_bits()],
         };
-        let texels: TexelOrigin = (map.image, encoding(map), channel, factor.to_array().map(f32::to_bits), response);
+        let made_of: TexelOrigin = (map.image, encoding(map), channel, factor.to_array().map(f32::to_bits), response);
         let Lookup { transform, wrap, is_smooth } = map.lookup;
-        let origin = (texels, transform.to_cols_array().map(f32::to_bits), wrap, is_smooth);
+        let origin = (made_of, transform.to_cols_array().map(f32::to_bits), wrap, is_smooth);
         if let Some(known) = self.origins.get(&origin) {
             return *known;
         }
-        let shared = self.origins.iter().find(|((other, ..), _)| *other == texels).map(|(_, index)| *index);
         let Texels { width, height, rgba } = &self.decoded[&(map.image, encoding(map))];
         // Nothing reflects more than it gets.
         let most = if parameter == Parameter::Emission || parameter == Parameter::Height { f32::MAX } else { 1.0 };
@@ -263,10 +269,7 @@ impl Materials {
             }
             [r, g, b, f16::ONE]
         };
-        let texels = match shared {
-            Some(index) => Arc::clone(&self.textures[index as usize].texels),
-            None => rgba.iter().map(texel).collect(),
-        };
+        let texels = self.texels.entry(made_of).or_insert_with(|| rgba.iter().map(texel).collect()).clone();
         let path = self.images[map.image].path.clone();
         self.textures.push(Texture { path, width: *width, height: *height, texels, lookup: map.lookup });
         let index = self.textures.len() as u32 - 1;

@@ -193,12 +193,21 @@ impl Material {
         }
     }
 
-    /// Whether light goes through it as if it were not there, in part. Glass and lights do not say so by an opacity.
+    /// Whether light goes through it as if it were not there, in part.
     pub fn is_transparent(&self) -> bool {
-        let is_less = self.opacity < 1.0 || self.map(Parameter::Weight).is_some();
+        self.has_opacity() && !self.hides_opacity()
+    }
+
+    /// Whether it has an opacity that it does not show: glass and lights do not go by it.
+    pub fn hides_opacity(&self) -> bool {
+        self.has_opacity() && (self.optics.surface.refracts() || self.optics.only_emits())
+    }
+
+    /// The weight of a blend is none.
+    fn has_opacity(&self) -> bool {
         let surface = self.optics.surface;
-        let is_solid = !surface.refracts() && surface.parts().next().is_none() && surface != Surface::Nothing;
-        is_less && is_solid && !self.optics.only_emits()
+        let is_whole = surface.parts().next().is_none() && surface != Surface::Nothing;
+        is_whole && (self.opacity < 1.0 || self.map(Parameter::Weight).is_some())
     }
 
     /// What an image gives of that parameter.

@@ -128,9 +128,7 @@ impl Importer<'_, '_, '_> {
         object.ignore(&["file_format", "pixel_format", "component_format", "sample_border", "compensate", "banner"]);
         let document = self.document;
         let filter = document.children_of(object, "rfilter").next().map(|place| &document.objects[place]);
-        if let Some(filter) = filter {
-            filter.ignore(&["stddev", "radius", "lobes", "B", "C"]);
-        }
+        filter.iter().for_each(|filter| filter.ignore(&["radius", "lobes", "B", "C"]));
         let (name, location) = filter.map_or(("gaussian", &object.location), |f| (&*f.plugin, &f.location));
         let deviation = filter.map_or(Ok(0.5), |filter| filter.float("stddev", 0.5))?;
         self.import.settings.filter = if name == "gaussian" { Filter::Gaussian } else { Filter::Box };
