@@ -11,10 +11,11 @@ use rspirv::spirv::{BuiltIn, Capability, Decoration, Op, StorageClass};
 
 use crate::ids::{decorations, id_of, label};
 
-/// Takes out what cannot run under those constants (by id; others keep their own value), and what is of no use then.
-/// What remains computes the same, and still has the constants that it reads.
-pub fn prune(module: &mut Module, constants: &[u32]) {
-    let (live, values) = live_blocks(module, constants);
+/// Gives specialization constants the values that `constant` has for their ids, or their own where it has none, and takes
+/// out what cannot run then and what is of no use. What remains computes the same, and has no specialization constants.
+pub fn prune(module: &mut Module, constant: &dyn Fn(u32) -> Option<u32>) {
+    set_constants(module, constant);
+    let (live, values) = live_blocks(module);
     for function in &mut module.functions {
         cut_branches(function, &live, &values);
     }
@@ -35,8 +36,8 @@ pub fn prune(module: &mut Module, constants: &[u32]) {
 ///
 /// Whole functions at first; what is then known of conditions takes blocks away, and what remains
 /// makes more conditions known.
-fn live_blocks(module: &Module, constants: &[u32]) -> (HashSet<u32>, HashMap<u32, u32>) {
-    let globals = global_values(module, constants);
+fn live_blocks(module: &Module) -> (HashSet<u32>, HashMap<u32, u32>) {
+    let globals = global_values(module);
     let mut live: HashSet<u32> = module.functions.iter().flat_map(|function| &function.blocks).map(label).collect();
     loop {
         let mut values = globals.clone();
@@ -64,20 +65,35 @@ fn live_blocks(module: &Module, constants: &[u32]) -> (HashSet<u32>, HashMap<u32
     }
 }
 
-/// Constants by id. Those that are not set keep their own value.
-fn global_values(module: &Module, constants: &[u32]) -> HashMap<u32, u32> {
+/// Makes constants of specialization constants.
+fn set_constants(module: &mut Module, constant: &dyn Fn(u32) -> Option<u32>) {
     let ids = decorations(module, Decoration::SpecId);
+    for i in &mut module.types_global_values {
+        let set = i.result_id.and_then(|id| ids.get(&id)).and_then(|id| constant(*id));
+        let truth = |value| if value { Op::ConstantTrue } else { Op::ConstantFalse };
+        let op = match (i.class.opcode, &mut i.operands[..]) {
+            (Op::SpecConstantTrue, _) => truth(set != Some(0)),
+            (Op::SpecConstantFalse, _) => truth(set.is_some_and(|value| value != 0)),
+            (Op::SpecConstant, [Operand::LiteralBit32(word)]) => {
+                *word = set.unwrap_or(*word);
+                Op::Constant
+            }
+            _ => continue,
+        };
+        *i = Instruction::new(op, i.result_type, i.result_id, std::mem::take(&mut i.operands));
+    }
+    module.annotations.retain(|i| i.operands.get(1) != Some(&Operand::Decoration(Decoration::SpecId)));
+}
+
+/// Constants by id.
+fn global_values(module: &Module) -> HashMap<u32, u32> {
     let mut values = HashMap::new();
     for instruction in &module.types_global_values {
         let Some(id) = instruction.result_id else { continue };
-        let set = ids.get(&id).and_then(|place| constants.get(*place as usize)).copied();
         let value = match (instruction.class.opcode, instruction.operands.first()) {
             (Op::ConstantTrue, _) => Some(1),
             (Op::ConstantFalse, _) => Some(0),
-            (Op::SpecConstantTrue, _) => Some(set.map_or(1, |value| u32::from(value != 0))),
-            (Op::SpecConstantFalse, _) => Some(set.map_or(0, |value| u32::from(value != 0))),
             (Op::Constant, Some(Operand::LiteralBit32(word))) => Some(*word),
-            (Op::SpecConstant, Some(Operand::LiteralBit32(word))) => Some(set.unwrap_or(*word)),
             (Op::SpecConstantOp, Some(Operand::LiteralSpecConstantOpInteger(op))) => {
                 fold(*op, &known(&instruction.operands[1..], &values))
             }
@@ -465,7 +481,7 @@ mod tests {
             for constant in [false, true] {
                 let before = looping(way, constant);
                 let mut after = before.clone();
-                prune(&mut after, &[]);
+                prune(&mut after, &|_| None);
                 for n in 0..6 {
                     let [before, after] = [&before, &after].map(|module| small::run(module, &[n]));
                     assert_eq!(after, before, "{way:?} {constant}, {n}");
@@ -480,13 +496,13 @@ mod tests {
     fn only_decisions_are_branches() {
         let pruned = |way, constant| {
             let mut module = looping(way, constant);
-            prune(&mut module, &[]);
+            prune(&mut module, &|_| None);
             module
         };
         for constant in [false, true] {
             let one_side = pruned(Way::Side, constant);
             assert_eq!([Op::SelectionMerge, Op::BranchConditional].map(|op| count(&one_side, op)), [0, 1]);
-            assert_eq!(count(&one_side, Op::SpecConstantTrue) + count(&one_side, Op::SpecConstantFalse), 0);
+            assert_eq!(count(&one_side, Op::ConstantTrue) + count(&one_side, Op::ConstantFalse), 0, "nobody asks");
         }
         let never_entered = pruned(Way::Entry, false);
         assert_eq!([Op::LoopMerge, Op::BranchConditional, Op::Phi].map(|op| count(&never_entered, op)), [0, 0, 0]);
@@ -514,7 +530,7 @@ mod tests {
                 });
             });
             let mut module = b.module();
-            prune(&mut module, &[]);
+            prune(&mut module, &|_| None);
             let asked = |i: &Instruction| i.operands[0] == Operand::Capability(Capability::GroupNonUniform);
             assert_eq!(module.capabilities.iter().any(asked), used);
         }
