@@ -1,6 +1,8 @@
 //! Kernels as the host has them: SPIR-V and what was read from it.
 
+use std::collections::BTreeMap;
 use std::io::Read as _;
+use std::sync::{Arc, Mutex};
 
 use flate2::read::ZlibDecoder;
 use rspirv::dr::Module;
@@ -31,12 +33,22 @@ impl Kernel {
         if texel_fetch { self.texel_bindings } else { self.bindings }
     }
 
-    /// Its module, with code for every specialization, which reads the scene from storage buffers.
+    /// Its module, with code for every specialization, which reads the scene from storage buffers. It is read once, however
+    /// often a program builds the kernel.
     ///
     /// # Panics
     /// As [`Kernel::words`].
-    pub fn module(&self) -> Module {
-        rspirv::dr::load_words(self.words()).expect("the build has read this SPIR-V")
+    pub fn module(&self) -> Arc<Module> {
+        /// By where their words are.
+        static MODULES: Mutex<BTreeMap<usize, Arc<Module>>> = Mutex::new(BTreeMap::new());
+        let modules = || MODULES.lock().expect("nobody panics with it");
+        let key = self.deflated.as_ptr().addr();
+        if let Some(known) = modules().get(&key) {
+            return Arc::clone(known);
+        }
+        let module = Arc::new(rspirv::dr::load_words(self.words()).expect("the build has read this SPIR-V"));
+        modules().insert(key, Arc::clone(&module));
+        module
     }
 
     /// The SPIR-V words that it is made of.

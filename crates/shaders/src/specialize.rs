@@ -82,8 +82,7 @@ impl Kernel {
             _ if id == COUNTS_WORK.id => Some(u32::from(build.edition == Edition::Counting)),
             _ => build.constants.get(id as usize).copied(),
         };
-        let mut module = self.module();
-        prune(&mut module, &constant);
+        let mut module = prune(&self.module(), &constant);
         if texel_fetch {
             fetch_texels(&mut module, Self::SCENE_SET).expect("the build has done it");
         }
