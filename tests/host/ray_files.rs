@@ -18,6 +18,7 @@ fn scene() -> RayScene {
         scene: "box".into(),
         scene_hash: "0123abcd".into(),
         triangles: TRIANGLES,
+        placed: Vec::new(),
         centre: [0.1, -1e300, 0.3],
         scale: 0.25,
     }
@@ -41,13 +42,17 @@ fn dump(class: RayClass, rays: Vec<RayRecord>) -> RayDump {
         roulette: 0.1 + 0.2,
         device: "abacus \"2\"\n".into(),
         driver: "wood".into(),
-        record: RecordLayout::of_rays(),
+        record: RecordLayout::of_rays(&scene()),
     };
     RayDump { metadata, rays }
 }
 
 fn ray(target: u32) -> RayRecord {
-    RayRecord { origin: [1.0, -2.0, 0.5], leaves: 5, direction: [0.0, -0.0, 1e-40], target }
+    record([1.0, -2.0, 0.5], 5, [0.0, -0.0, 1e-40], target)
+}
+
+fn record(origin: [f32; 3], leaves: u32, direction: [f32; 3], target: u32) -> RayRecord {
+    RayRecord { origin, leaves, direction, target, leaves_instance: 0, target_instance: 0 }
 }
 
 struct Folder(TempDir);
@@ -101,7 +106,7 @@ fn any_ray() -> impl Strategy<Value = RayRecord> {
     let triangle = || prop_oneof![Just(NO_TRIANGLE), 0..TRIANGLES];
     (prop::array::uniform3(finite()), triangle(), prop::array::uniform3(finite()), triangle())
         .prop_filter("a direction", |(_, _, direction, _)| *direction != [0.0; 3])
-        .prop_map(|(origin, leaves, direction, target)| RayRecord { origin, leaves, direction, target })
+        .prop_map(|(origin, leaves, direction, target)| record(origin, leaves, direction, target))
 }
 
 proptest! {
