@@ -54,6 +54,8 @@ pub enum Fault {
     NotFinite { field: &'static str, value: f32 },
     #[error("direction is zero")]
     NoDirection,
+    #[error("{field} is triangle {triangle} and its instance has {triangles}")]
+    NoSuchTriangleOfInstance { field: &'static str, triangle: u32, triangles: u32 },
     #[error("{field} is triangle {triangle} and the scene has {triangles}")]
     NoSuchTriangle { field: &'static str, triangle: u32, triangles: u32 },
     #[error("{field} is of instance {instance} and the scene has {instances}")]

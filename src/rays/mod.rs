@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 pub use error::{Fault, RaysError};
 pub use npy::{write_distances, write_triangles};
 
-use crate::constants::NO_TRIANGLE;
+use crate::constants::{NO_TRIANGLE, WORLD_INSTANCE};
 
 /// Rays with everything that is needed to trace them elsewhere.
 #[derive(Debug, Clone, PartialEq)]
@@ -83,7 +83,11 @@ impl RayRecord {
                     return Some((instance_byte, Fault::NoSuchInstance { field, instance, instances }));
                 }
                 Some(triangles) if triangle >= triangles => {
-                    return Some((byte, Fault::NoSuchTriangle { field, triangle, triangles }));
+                    let fault = match instance {
+                        WORLD_INSTANCE => Fault::NoSuchTriangle { field, triangle, triangles },
+                        _ => Fault::NoSuchTriangleOfInstance { field, triangle, triangles },
+                    };
+                    return Some((byte, fault));
                 }
                 Some(_) => {}
             }

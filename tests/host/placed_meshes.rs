@@ -1,6 +1,8 @@
 //! Meshes in their places: what a ray hits is the same whether they are flattened or not, memory grows with meshes, and no
 //! ray slips through a closed one.
 
+use std::fs;
+
 use glam::{DVec3, Vec3, dvec3};
 use raywave::bvh::{self, BvhKind, Primitive, Ray};
 use raywave::render::{PrepareError, PreparedScene, TriangleName};
@@ -179,6 +181,68 @@ fn instances_alike_do_not_slow_the_build() {
     let [a, b, c] = placed.corners()[40].map(Vec3::from);
     let found = closest(&placed, Vec3::ZERO, (a + b + c) / 3.0, Primitive::NONE);
     assert!(found.is_none_or(|(name, _)| name.instance == 1));
+}
+
+/// A disc of 40 triangles, as an OBJ file.
+fn disc() -> String {
+    let corners = (0..42).map(|i| std::f64::consts::TAU * f64::from(i) / 42.0);
+    let vertices: String = corners.map(|angle| format!("v {} {} 0\n", angle.cos(), angle.sin())).collect();
+    let polygon: String = (1..=42).map(|i| format!(" {i}")).collect();
+    format!("{vertices}f{polygon}\n")
+}
+
+fn loaded(name: &str, text: &str) -> Scene {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    fs::write(folder.path().join("disc.obj"), disc()).expect("a temporary file");
+    fs::write(folder.path().join(name), text).expect("a temporary file");
+    Scene::load(&folder.path().join(name)).expect("the scene loads")
+}
+
+#[test]
+fn files_that_place_a_mesh_again_and_again_keep_it_once() {
+    let camera = "[camera]\neye = [0, 0, 9]\ntarget = [0, 0, 0]\nvfov = 40\n";
+    let mesh = |more: &str| format!("[[mesh]]\nfile = \"disc.obj\"\n{more}\n");
+    let placements = ["translate = [1, 0, 0]", "scale = [-2, 1, 1]", "rotate = [0, 90, 0]"].map(mesh);
+    let toml = |count: usize| loaded("s.toml", &format!("{camera}{}", placements[..count].concat()));
+    // Two placements have 40 triangles more than one, which are soon flattened.
+    let two = toml(2);
+    assert_eq!((two.mesh.triangles.len(), two.placed.len()), (80, 0));
+    let three = toml(3);
+    assert_eq!((three.mesh.triangles.len(), three.placed_counts()), (0, vec![[40, 3]]));
+    assert!(
+        three.placed[0].placements.iter().all(|placement| !placement.is_mirrored),
+        "a mesh may be turned inside out"
+    );
+    let (low, high) = three.bounds();
+    assert!((low - dvec3(-2.0, -1.0, -1.0)).length() < 0.01 && (high - dvec3(2.0, 1.0, 1.0)).length() < 0.01);
+    let flat = three.flattened();
+    assert_eq!(flat.triangles.len(), 120);
+    let corner = |triangle: usize| flat.positions[flat.triangles[triangle].positions[0] as usize];
+    assert!((corner(0) - 2.0 * DVec3::X).length() < 1e-9 && (corner(40) + 2.0 * DVec3::X).length() < 1e-9);
+    assert!((corner(80) + DVec3::Z).length() < 1e-9);
+
+    // Groups of Mitsuba, one of whose placements flattens the disc to a line: it has no inverse, and no triangles.
+    let instance =
+        |to: &str| format!("<shape type='instance'><ref id='g'/><transform name='to_world'>{to}</transform></shape>");
+    let instances = ["<translate x='3'/>", "<scale x='-1'/>", "<scale value='2'/>", "<scale x='0'/>"].map(instance);
+    let group =
+        "<shape type='shapegroup' id='g'><shape type='obj'><string name='filename' value='disc.obj'/></shape></shape>";
+    let scene = loaded("s.xml", &format!("<scene version='3.0.0'>{group}{}</scene>", instances.concat()));
+    assert_eq!((scene.mesh.triangles.len(), scene.placed_counts()), (0, vec![[40, 3]]));
+    let mirrored = scene.placed[0].placements.iter().map(|placement| placement.is_mirrored);
+    assert_eq!(mirrored.collect::<Vec<_>>(), [false, true, false]);
+    assert!(scene.warnings.iter().any(|warning| warning.contains("40 triangles without area")), "{:?}", scene.warnings);
+}
+
+#[test]
+fn placements_out_of_reach_are_refused() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    fs::write(folder.path().join("disc.obj"), disc()).expect("a temporary file");
+    let mesh = "[[mesh]]\nfile = \"disc.obj\"\ntranslate = [9e29, 0, 0]\nscale = 2e29\n".repeat(3);
+    let toml = format!("[camera]\neye = [0, 0, 9]\ntarget = [0, 0, 0]\nvfov = 40\n{mesh}");
+    fs::write(folder.path().join("s.toml"), toml).expect("a temporary file");
+    let error = Scene::load(&folder.path().join("s.toml")).expect_err("it is too far").to_string();
+    assert!(error.ends_with("disc.obj: a vertex lands beyond 1e30; scale the mesh down"), "{error}");
 }
 
 #[test]

@@ -250,6 +250,47 @@ fn rays_that_cannot_be_traced_are_told_with_their_byte() {
     check(RayClass::Bounce, |r| r.target = 1, 28, "target is a triangle, which only shadow rays have");
 }
 
+/// Two meshes in their places: instances 1 to 3 have seven triangles each, 4 and 5 have two.
+fn placed(mut dump: RayDump) -> RayDump {
+    dump.metadata.scene.placed = vec![[7, 3], [2, 2]];
+    dump.metadata.record = RecordLayout::of_rays(&dump.metadata.scene);
+    dump
+}
+
+#[test]
+fn rays_of_placed_meshes_have_instances() {
+    let folder = Folder::new();
+    let of_instances = |leaves, leaves_instance, target, target_instance| RayRecord {
+        leaves,
+        leaves_instance,
+        target_instance,
+        ..ray(target)
+    };
+    let rays = vec![of_instances(6, 3, 1, 5), of_instances(11, 0, NO_TRIANGLE, 0), ray(NO_TRIANGLE)];
+    let whole = placed(dump(RayClass::Shadow, rays));
+    let bytes = folder.bytes_of(&whole);
+    assert!(bytes.starts_with(b"raywave rays 2\n{"));
+    assert_eq!(bytes.len() - records_start(&bytes), 3 * 40);
+    let read = |scene: &RayScene| RayDump::read(&folder.path(), scene);
+    assert_eq!(read(&whole.metadata.scene).expect("the dump is good"), whole);
+    // Without instances it is another scene.
+    assert!(read(&scene()).expect_err("they are not the same").to_string().contains("another space"));
+    let check = |ray: RayRecord, byte: usize, said: &str| {
+        let bytes = folder.bytes_of(&placed(dump(RayClass::Shadow, vec![ray])));
+        let complaint = folder.complaint(&bytes, |scene| scene.placed = vec![[7, 3], [2, 2]]);
+        assert_eq!(complaint, format!("byte {}: ray 0: {said}", records_start(&bytes) + byte));
+    };
+    check(of_instances(7, 3, NO_TRIANGLE, 0), 12, "leaves is triangle 7 and its instance has 7");
+    check(of_instances(2, 4, NO_TRIANGLE, 0), 12, "leaves is triangle 2 and its instance has 2");
+    check(of_instances(0, 6, NO_TRIANGLE, 0), 32, "leaves is of instance 6 and the scene has 6");
+    check(of_instances(0, 1, 0, u32::MAX), 36, "target is of instance 4294967295 and the scene has 6");
+    // The version and the records say the same.
+    let bytes = folder.bytes_of(&whole);
+    let wrong = edited(&bytes, "rays 2", "rays 1");
+    let complaint = folder.complaint(&wrong, |scene| scene.placed = vec![[7, 3], [2, 2]]);
+    assert!(complaint.contains("laid out in another way"), "{complaint}");
+}
+
 #[test]
 fn dumps_of_many_rays_are_read_whole() {
     // Records are read and written some tens of thousands at a time.
