@@ -22,6 +22,12 @@ shared_constants! {
     LEAF_MAX_TRIANGLES = 8;
     /// What an empty traversal stack yields: it looks like a leaf, so that it ends the loop over inner nodes too.
     TRAVERSAL_DONE = u32::MAX;
+    /// Count of a leaf reference that is no leaf but a mesh in its place: the bits under it are its index.
+    LEAF_INSTANCE = 14;
+    /// Where a traversal is done with a mesh in its place and is in the world again: as a leaf without triangles.
+    INSTANCE_DONE = (1 << 31) | (13 << 27);
+    /// The instance of what is no mesh in its place: a triangle of the world itself.
+    WORLD_INSTANCE = 0;
     /// Bounces whose rays are counted apart; the last count takes all later ones too.
     COUNTED_BOUNCES = 64;
 
@@ -64,6 +70,8 @@ shared_constants! {
     NODE_TEXELS = 4;
     /// 16-byte texels of a triangle.
     TRIANGLE_TEXELS = 3;
+    /// 16-byte texels of a mesh in its place.
+    INSTANCE_TEXELS = 10;
     /// 16-byte texels of a material.
     MATERIAL_TEXELS = 4;
     /// 16-byte texels of what else a material may have.
@@ -247,6 +255,8 @@ specialization_constants! {
     bvh_width: u32 = 2;
     /// Triangles of the list.
     listed_count: u32 = 0;
+    /// Whether meshes lie in their places under a tree of their own, and not as triangles in one.
+    two_level: bool = false;
     /// One of `INTEGRATOR_*`.
     integrator: u32 = INTEGRATOR_EXPLICIT;
     /// One of `SAMPLER_*`.

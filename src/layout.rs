@@ -84,8 +84,66 @@ pub struct Triangle {
     /// Third vertex.
     pub v2: [f32; 3],
     /// Its area over the probability that a light sample among area lights picks it, normalised units squared; 0 where
-    /// it emits nothing.
+    /// it emits nothing. Of a mesh that is placed: the bits of its number among those of the mesh that emit.
     pub light_area: f32,
+}
+
+/// A mesh in its place, of a scene whose meshes are not flattened. 160 bytes, 10 texels.
+///
+/// Its vertices are those of the mesh, v, taken to normalised space as ((x_axis v.x + y_axis v.y) + z_axis v.z) +
+/// translation, each operation rounded by itself: on the host and in kernels, so that a mesh that is flattened has the
+/// same.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Instance {
+    /// Where the mesh's x axis goes.
+    pub x_axis: [f32; 3],
+    /// Index of the root of the mesh's tree.
+    pub root: u32,
+    /// Where its y axis goes.
+    pub y_axis: [f32; 3],
+    /// 1 where the second and third corners of its triangles change places, else 0.
+    pub is_mirrored: u32,
+    /// Where its z axis goes.
+    pub z_axis: [f32; 3],
+    /// Index of the first of its lights.
+    pub first_light: u32,
+    /// Where its origin goes.
+    pub translation: [f32; 3],
+    /// Not used.
+    pub unused: u32,
+    /// Columns of the inverse of the three axes, and how far boxes are widened along the mesh's axes for what roundings do,
+    /// but for those of the way from a ray's origin.
+    pub inverse: [[f32; 4]; 3],
+    /// Columns of what takes normals along, to any length; the fourth components are not used.
+    pub of_normals: [[f32; 4]; 3],
+}
+
+impl Instance {
+    /// A mesh of the world itself.
+    pub const WORLD: Self = Self {
+        x_axis: [1.0, 0.0, 0.0],
+        root: 0,
+        y_axis: [0.0, 1.0, 0.0],
+        is_mirrored: 0,
+        z_axis: [0.0, 0.0, 1.0],
+        first_light: 0,
+        translation: [0.0; 3],
+        unused: 0,
+        inverse: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+        of_normals: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+    };
+
+    /// A vertex of the mesh in normalised space.
+    pub fn place(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
+        std::array::from_fn(|i| ((self.x_axis[i] * x + self.y_axis[i] * y) + self.z_axis[i] * z) + self.translation[i])
+    }
+
+    /// The corners of a triangle of the mesh in normalised space, in their order there.
+    pub fn place_corners<T: Copy>(&self, corners: [T; 3], place: impl Fn(T) -> T) -> [T; 3] {
+        let [a, b, c] = corners.map(place);
+        if self.is_mirrored == 0 { [a, b, c] } else { [a, c, b] }
+    }
 }
 
 /// Material. 64 bytes, 4 texels.
@@ -220,7 +278,7 @@ pub struct PunctualLight {
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Light {
-    /// Place of the triangle in leaf order.
+    /// Place of the triangle in leaf order; of a mesh that is placed, [`PlacedLight`] has the rest.
     pub triangle: u32,
     /// Probability that the cell stands for itself, [0, 1].
     pub threshold: f32,
@@ -228,6 +286,16 @@ pub struct Light {
     pub alias: u32,
     /// Not used.
     pub unused: u32,
+}
+
+/// What else an emissive triangle has where meshes are placed. 8 bytes, 1 texel.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct PlacedLight {
+    /// Index of the mesh in its place.
+    pub instance: u32,
+    /// Area of the triangle over the probability that a light sample among area lights picks it, normalised units squared.
+    pub light_area: f32,
 }
 
 /// Shading normals of a triangle, in the scene's order. 16 bytes, 1 texel.

@@ -54,6 +54,11 @@ layout(set = 1, binding = 15, std430) buffer Bins {
     uint places[MATERIAL_BINS];  // where the next ray of each bin goes
 } bins;
 
+// With TWO_LEVEL, the instances of primitives whose triangles stand elsewhere.
+layout(set = 1, binding = 16, std430) buffer RayInstances { uint words[]; } ray_instances;        // that the ray leaves
+layout(set = 1, binding = 17, std430) buffer HitInstances { uint words[]; } hit_instances;
+layout(set = 1, binding = 18, std430) buffer ShadowInstances { uvec2 words[]; } shadow_instances;  // that the ray leaves, that it aims at
+
 // The batch of samples in flight: slots run over the samples of a pixel first, then over pixels.
 layout(push_constant) uniform Batch {
     uint first_pixel;

@@ -1,6 +1,6 @@
 // Set 0: what does not change during a render. Read-only for every kernel.
 //
-// Each scene buffer is an array of 16-byte (textures, texture_coordinates: 8-byte) words of bits.
+// Each scene buffer is an array of 16-byte (textures, texture_coordinates, placed_lights: 8-byte) words of bits.
 // It is a storage buffer or, where the host makes it one, a uniform texel buffer: software devices read those faster,
 // devices with few texels have larger storage buffers.
 #ifndef BINDINGS_SCENE_GLSL
@@ -47,6 +47,8 @@ SCENE_BUFFER(1, nodes, uvec4)                  // NODE_TEXELS a node
 SCENE_BUFFER(2, triangles, uvec4)              // TRIANGLE_TEXELS a triangle, in leaf order
 SCENE_BUFFER(3, materials, uvec4)              // MATERIAL_TEXELS a material
 SCENE_BUFFER(4, lights, uvec4)                 // triangle, alias threshold, alias, unused
+SCENE_BUFFER(12, instances, uvec4)             // INSTANCE_TEXELS a mesh in its place
+SCENE_BUFFER(13, placed_lights, uvec2)         // of a light: instance, area over probability
 SCENE_BUFFER(5, normals, uvec4)                // three octahedral normals, 1 if there are any
 SCENE_BUFFER(6, texture_coordinates, uvec2)    // three a triangle
 SCENE_BUFFER(7, textures, uvec2)               // per image its header, then linear RGB as halves; tables

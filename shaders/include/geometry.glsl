@@ -8,17 +8,6 @@ const float FARTHEST = 3.402823466e38;
 // Below this numbers are subnormal.
 const float SMALLEST_NORMAL = 1.17549435e-38;
 
-// What a ray can hit.
-struct Primitive {
-    uint triangle;  // its place in leaf order, or NO_TRIANGLE
-};
-
-Primitive no_primitive() { return Primitive(NO_TRIANGLE); }
-
-bool same_primitive(Primitive a, Primitive b) { return a.triangle == b.triangle; }
-
-bool is_none(Primitive primitive) { return same_primitive(primitive, no_primitive()); }
-
 struct Ray {
     vec3 origin;
     vec3 direction;
@@ -90,16 +79,16 @@ Ray spawn_ray(Surface surface, vec3 direction) {
     return Ray(offset_from_plane(surface.position, surface.position_error, side), direction, leaves);
 }
 
-// Texture coordinates at barycentrics of a triangle by its index in the scene's order.
-vec2 corner_uv_at(uint original, vec2 barycentrics) {
-    vec2 first = (1.0 - barycentrics.x - barycentrics.y) * fetch_corner_uv(original, 0u);
-    return first + barycentrics.x * fetch_corner_uv(original, 1u) + barycentrics.y * fetch_corner_uv(original, 2u);
+// Texture coordinates at barycentrics of a primitive, whose index in the scene's order is `original`.
+vec2 corner_uv_at(Primitive primitive, uint original, vec2 barycentrics) {
+    CornerUvs uvs = fetch_corner_uvs(primitive, original);
+    return (1.0 - barycentrics.x - barycentrics.y) * uvs.a + barycentrics.x * uvs.b + barycentrics.y * uvs.c;
 }
 
 vec3 geometric_normal(Triangle t) { return normalize(cross(t.v1 - t.v0, t.v2 - t.v0)); }
 
 Surface surface_at(Hit hit) {
-    Triangle t = fetch_triangle(hit.primitive.triangle);
+    Triangle t = fetch_triangle(hit.primitive);
     Surface surface;
     surface.position = interpolate_position(t, hit.barycentrics, surface.position_error);
     surface.geometric_normal = geometric_normal(t);
@@ -111,7 +100,7 @@ Surface surface_at(Hit hit) {
     surface.material = t.material;
     vec3 weights = vec3(1.0 - hit.barycentrics.x - hit.barycentrics.y, hit.barycentrics);
     if (HAS_NORMALS) {
-        Normals normals = fetch_corner_normals(t.original);
+        Normals normals = fetch_corner_normals(hit.primitive, t.original);
         vec3 n = weights.x * normals.a + weights.y * normals.b + weights.z * normals.c;
         // Normals of opposite corners can cancel. The geometric normal says which side is which.
         float len = length(n);
@@ -122,13 +111,11 @@ Surface surface_at(Hit hit) {
     }
     surface.smooth_normal = surface.shading_normal;
     if (HAS_TEXTURES || HAS_DETAIL_TEXTURES || HAS_TANGENTS) {
-        vec2 a = fetch_corner_uv(t.original, 0u);
-        vec2 b = fetch_corner_uv(t.original, 1u);
-        vec2 c = fetch_corner_uv(t.original, 2u);
-        surface.uv = weights.x * a + weights.y * b + weights.z * c;
+        CornerUvs uvs = fetch_corner_uvs(hit.primitive, t.original);
+        surface.uv = weights.x * uvs.a + weights.y * uvs.b + weights.z * uvs.c;
         if (HAS_TANGENTS) {
-            vec2 ab = b - a;
-            vec2 ac = c - a;
+            vec2 ab = uvs.b - uvs.a;
+            vec2 ac = uvs.c - uvs.a;
             float determinant = ab.x * ac.y - ab.y * ac.x;
             float inverse = determinant != 0.0 ? 1.0 / determinant : 0.0;
             surface.along_u = (ac.y * (t.v1 - t.v0) - ab.y * (t.v2 - t.v0)) * inverse;

@@ -110,6 +110,15 @@ Nearest no_nearest() {
     return Nearest(none, NO_TRIANGLE, no_primitive(), FARTHEST, NO_TRIANGLE);
 }
 
+// Whether the scene lists one primitive before another, by their indices in its order.
+bool is_listed_before(Primitive a, uint original_a, Primitive b, uint original_b) {
+    bool is_before = original_a < original_b;
+    if (TWO_LEVEL) {
+        is_before = a.instance < b.instance || (a.instance == b.instance && is_before);
+    }
+    return is_before;
+}
+
 // Makes the primitive, whose triangle is `t`, the nearest hit if it is nearer, or as near and `wins_ties`.
 void hit_triangle(Primitive primitive, Triangle t, bool wins_ties, Ray ray, RaySpace space, inout Nearest nearest) {
     count_triangle();
@@ -124,7 +133,8 @@ void hit_triangle(Primitive primitive, Triangle t, bool wins_ties, Ray ray, RayS
         nearest.original = t.original;
     }
     if (CHECKS_SIDES) {
-        uint touching_limit = nearness(nearest.touching_distance) + (t.original < nearest.touching_original ? 1u : 0u);
+        bool is_before = is_listed_before(primitive, t.original, nearest.touching, nearest.touching_original);
+        uint touching_limit = nearness(nearest.touching_distance) + (is_before ? 1u : 0u);
         if (found < touching_limit && can_be_hit && touches) {
             nearest.touching = primitive;
             nearest.touching_distance = distance;
@@ -133,11 +143,14 @@ void hit_triangle(Primitive primitive, Triangle t, bool wins_ties, Ray ray, RayS
     }
 }
 
-// The same of a primitive in memory. Among equal distances the one that the scene lists first wins, so that the answer
-// does not depend on the order of traversal.
-void hit_triangle(Primitive primitive, Ray ray, RaySpace space, inout Nearest nearest) {
+// The same of a primitive in memory, whose mesh is placed there. Among equal distances the one that the scene lists first
+// wins, so that the answer does not depend on the order of traversal.
+void hit_triangle(Primitive primitive, Placement placement, Ray ray, RaySpace space, inout Nearest nearest) {
     Triangle t = fetch_triangle(primitive.triangle);
-    hit_triangle(primitive, t, t.original < nearest.original, ray, space, nearest);
+    if (TWO_LEVEL) {
+        t = place(placement, t);
+    }
+    hit_triangle(primitive, t, is_listed_before(primitive, t.original, nearest.hit.primitive, nearest.original), ray, space, nearest);
 }
 
 // The nearest hit when the traversal has ended.
@@ -145,7 +158,7 @@ Hit nearest_hit(Nearest nearest, Ray ray, RaySpace space) {
     Hit hit = nearest.hit;
     if (CHECKS_SIDES) {
         SKIPPABLE_IF(!is_none(nearest.touching)) {
-            Triangle t = fetch_triangle(nearest.touching.triangle);
+            Triangle t = fetch_triangle(nearest.touching);
             if (!lies_behind(ray, space, t)) {
                 hit.primitive = nearest.touching;
                 intersect_triangle(ray.origin, space, t, hit.distance, hit.barycentrics);
@@ -177,6 +190,9 @@ void occlude(Primitive primitive, Triangle t, Ray ray, RaySpace space, Primitive
     occlusion.occluded = (occludes && !is_first) || occlusion.occluded;
     if (CHECKS_SIDES) {
         occlusion.touching.triangle = occludes && is_first ? primitive.triangle : occlusion.touching.triangle;
+        if (TWO_LEVEL) {
+            occlusion.touching.instance = occludes && is_first ? primitive.instance : occlusion.touching.instance;
+        }
     }
 }
 
@@ -185,7 +201,7 @@ bool is_occluded(Occlusion occlusion, Ray ray, RaySpace space) {
     bool occluded = occlusion.occluded;
     if (CHECKS_SIDES) {
         SKIPPABLE_IF(!occlusion.occluded && !is_none(occlusion.touching)) {
-            occluded = !lies_behind(ray, space, fetch_triangle(occlusion.touching.triangle));
+            occluded = !lies_behind(ray, space, fetch_triangle(occlusion.touching));
         }
     }
     return occluded;

@@ -162,11 +162,11 @@ float area_light_pdf(float light_area, float distance2, float cos_light) { retur
 // each triangle.
 LightSample sample_area_light(Surface surface, vec3 u) {
     Light cell = fetch_light(split_sample_evenly(u.x, frame.light_count, u.z));
-    uint triangle = cell.triangle;
+    Primitive primitive = cell.primitive;
     if (split_sample(u.x, cell.threshold)) {
-        triangle = fetch_light(cell.alias).triangle;
+        primitive = fetch_light(cell.alias).primitive;
     }
-    Triangle t = fetch_triangle(triangle);
+    Triangle t = fetch_triangle(primitive);
     vec3 normal = geometric_normal(t);
     vec3 error;
     vec3 point = interpolate_position(t, sample_triangle(u.xy), error);
@@ -177,18 +177,18 @@ LightSample sample_area_light(Surface surface, vec3 u) {
     float cos_light = -dot(normal, direction);
     vec3 emission = material_emission(t.material);
     if (HAS_DETAIL_TEXTURES) {
-        emission = emission_at(t.material, corner_uv_at(t.original, sample_triangle(u.xy)), emission);
+        emission = emission_at(t.material, corner_uv_at(primitive, t.original, sample_triangle(u.xy)), emission);
     }
     // Only the front side emits. Area becomes solid angle.
     bool lit = cos_light > 0.0 && distance2 > 0.0;
-    float area = light_area(triangle);
+    float area = light_area(primitive);
     vec3 radiance = lit ? emission * (cos_light * area / distance2) : vec3(0.0);
     float pdf = lit ? area_light_pdf(area, distance2, cos_light) : 1.0;
-    return LightSample(ray, direction, Primitive(triangle), radiance, pdf);
+    return LightSample(ray, direction, primitive, radiance, pdf);
 }
 
 // Stands for the primitive of a light that is none: a ray ends there and nothing can be hit.
-Primitive at_point() { return Primitive(NO_TRIANGLE - 1u); }
+Primitive at_point() { return world_primitive(NO_TRIANGLE - 1u); }
 
 // Intensity of a spot in the direction of unit `from` the light, over that along its axis.
 float spot_falloff(PunctualLight light, vec3 from) {

@@ -17,7 +17,7 @@ Hit trace_closest_listed(Ray ray) {
     RaySpace space = ray_space(ray.direction);
     Nearest nearest = no_nearest();
     [[unroll]] for (uint i = 0u; i < LISTED_COUNT; i++) {
-        hit_triangle(Primitive(i), LISTED_TRIANGLE(i), false, ray, space, nearest);
+        hit_triangle(world_primitive(i), LISTED_TRIANGLE(i), false, ray, space, nearest);
     }
     return nearest_hit(nearest, ray, space);
 }
@@ -27,7 +27,7 @@ bool trace_any_listed(Ray ray, Primitive target, float t_max) {
     RaySpace space = ray_space(ray.direction);
     Occlusion occlusion = no_occlusion();
     [[unroll]] for (uint i = 0u; i < LISTED_COUNT; i++) {
-        occlude(Primitive(i), LISTED_TRIANGLE(i), ray, space, target, t_max, occlusion);
+        occlude(world_primitive(i), LISTED_TRIANGLE(i), ray, space, target, t_max, occlusion);
     }
     return is_occluded(occlusion, ray, space);
 }

@@ -123,7 +123,7 @@ Vertex shade_hit(inout Path path, Hit hit) {
         vec3 light = path.throughput * material.ke;
         if (MIS) {
             float cos_light = dot(surface.geometric_normal, wo);
-            float light_pdf = area_light_pdf(light_area(hit.primitive.triangle), hit.distance * hit.distance, cos_light);
+            float light_pdf = area_light_pdf(light_area(hit.primitive), hit.distance * hit.distance, cos_light);
             light *= mis_weight(path.pdf, light_selection_pmf(LIGHTS_OF_AREAS) * light_pdf);
         }
         vertex.emission = lit ? clamped(light, path.bounce) : vec3(0.0);

@@ -51,7 +51,11 @@ Path rounded_path(Path path) {
 
 Ray load_ray(uint slot) {
     uvec4 origin = ray_origins.words[slot];
-    return Ray(uintBitsToFloat(origin.xyz), unpack_direction(ray_directions.words[slot]), Primitive(origin.w));
+    Primitive leaves = world_primitive(origin.w);
+    if (TWO_LEVEL) {
+        leaves.instance = ray_instances.words[slot];
+    }
+    return Ray(uintBitsToFloat(origin.xyz), unpack_direction(ray_directions.words[slot]), leaves);
 }
 
 Path load_path(uint slot) {
@@ -74,6 +78,9 @@ Path load_path(uint slot) {
 
 void store_path(uint slot, Path path) {
     ray_origins.words[slot] = uvec4(floatBitsToUint(path.ray.origin), path.ray.leaves.triangle);
+    if (TWO_LEVEL) {
+        ray_instances.words[slot] = path.ray.leaves.instance;
+    }
     if (HALF_STATE) {
         ray_directions.words[slot] = pack_path(path);
     } else {
@@ -87,11 +94,18 @@ void store_path(uint slot, Path path) {
 
 Hit load_hit(uint slot) {
     uvec4 bits = hits.words[slot];
-    return Hit(Primitive(bits.x), uintBitsToFloat(bits.yz), uintBitsToFloat(bits.w));
+    Primitive primitive = world_primitive(bits.x);
+    if (TWO_LEVEL) {
+        primitive.instance = hit_instances.words[slot];
+    }
+    return Hit(primitive, uintBitsToFloat(bits.yz), uintBitsToFloat(bits.w));
 }
 
 void store_hit(uint slot, Hit hit) {
     hits.words[slot] = uvec4(hit.primitive.triangle, floatBitsToUint(hit.barycentrics), floatBitsToUint(hit.distance));
+    if (TWO_LEVEL) {
+        hit_instances.words[slot] = hit.primitive.instance;
+    }
 }
 
 ShadowRay load_shadow_ray(uint place, out uint slot) {
@@ -99,14 +113,24 @@ ShadowRay load_shadow_ray(uint place, out uint slot) {
     uvec4 direction = shadow_directions.words[place];
     uvec4 radiance = shadow_radiances.words[place];
     slot = radiance.w;
-    Ray ray = Ray(uintBitsToFloat(origin.xyz), uintBitsToFloat(direction.xyz), Primitive(origin.w));
-    return ShadowRay(ray, Primitive(direction.w), uintBitsToFloat(radiance.xyz));
+    Primitive leaves = world_primitive(origin.w);
+    Primitive light = world_primitive(direction.w);
+    if (TWO_LEVEL) {
+        uvec2 instances = shadow_instances.words[place];
+        leaves.instance = instances.x;
+        light.instance = instances.y;
+    }
+    Ray ray = Ray(uintBitsToFloat(origin.xyz), uintBitsToFloat(direction.xyz), leaves);
+    return ShadowRay(ray, light, uintBitsToFloat(radiance.xyz));
 }
 
 void store_shadow_ray(uint place, uint slot, ShadowRay shadow) {
     shadow_origins.words[place] = uvec4(floatBitsToUint(shadow.ray.origin), shadow.ray.leaves.triangle);
     shadow_directions.words[place] = uvec4(floatBitsToUint(shadow.ray.direction), shadow.light.triangle);
     shadow_radiances.words[place] = uvec4(floatBitsToUint(shadow.radiance), slot);
+    if (TWO_LEVEL) {
+        shadow_instances.words[place] = uvec2(shadow.ray.leaves.instance, shadow.light.instance);
+    }
 }
 
 #endif

@@ -12,6 +12,83 @@ struct Triangle {
     uint original;  // index in the scene's order
 };
 
+// What a ray can hit.
+struct Primitive {
+    uint triangle;  // its place in leaf order, or NO_TRIANGLE
+    uint instance;  // with TWO_LEVEL the mesh in its place that it is of, else WORLD_INSTANCE
+};
+
+// A triangle in leaf order of no mesh in its place.
+Primitive world_primitive(uint triangle) { return Primitive(triangle, WORLD_INSTANCE); }
+
+Primitive no_primitive() { return Primitive(NO_TRIANGLE, TWO_LEVEL ? NO_TRIANGLE : WORLD_INSTANCE); }
+
+bool same_primitive(Primitive a, Primitive b) {
+    return a.triangle == b.triangle && (!TWO_LEVEL || a.instance == b.instance);
+}
+
+bool is_none(Primitive primitive) { return primitive.triangle == NO_TRIANGLE; }
+
+// Where a mesh is placed: its axes and its origin in normalised space.
+struct Placement {
+    vec3 x_axis;
+    vec3 y_axis;
+    vec3 z_axis;
+    vec3 translation;
+    bool is_mirrored;  // the second and third corners of its triangles change places
+};
+
+Placement no_placement() {
+    return Placement(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, 1.0), vec3(0.0), false);
+}
+
+Placement fetch_placement(uint instance, out uint root) {
+    uvec4 a = fetch_instances(INSTANCE_TEXELS * instance);
+    uvec4 b = fetch_instances(INSTANCE_TEXELS * instance + 1u);
+    uvec4 c = fetch_instances(INSTANCE_TEXELS * instance + 2u);
+    uvec4 d = fetch_instances(INSTANCE_TEXELS * instance + 3u);
+    root = a.w;
+    return Placement(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(c.xyz), uintBitsToFloat(d.xyz), b.w != 0u);
+}
+
+bool is_mirrored(uint instance) { return fetch_instances(INSTANCE_TEXELS * instance + 1u).w != 0u; }
+
+// The light that is the first of an instance.
+uint first_light(uint instance) { return fetch_instances(INSTANCE_TEXELS * instance + 2u).w; }
+
+// What takes rays to the coordinates of a mesh: the columns of a linear map, and how far boxes are widened there.
+struct ToMesh {
+    vec4 x;
+    vec4 y;
+    vec4 z;
+};
+
+ToMesh fetch_to_mesh(uint instance) {
+    uint place = INSTANCE_TEXELS * instance + 4u;
+    return ToMesh(uintBitsToFloat(fetch_instances(place)), uintBitsToFloat(fetch_instances(place + 1u)),
+        uintBitsToFloat(fetch_instances(place + 2u)));
+}
+
+// A normal of a mesh in its place in normalised space, to any length.
+vec3 placed_normal(uint instance, vec3 n) {
+    uint place = INSTANCE_TEXELS * instance + 7u;
+    vec3 x = uintBitsToFloat(fetch_instances(place).xyz);
+    vec3 y = uintBitsToFloat(fetch_instances(place + 1u).xyz);
+    vec3 z = uintBitsToFloat(fetch_instances(place + 2u).xyz);
+    return x * n.x + y * n.y + z * n.z;
+}
+
+// A vertex of a mesh in normalised space: by these operations in this order, as the host places those of meshes that it
+// flattens.
+vec3 place(Placement at, vec3 v) { return at.x_axis * v.x + at.y_axis * v.y + at.z_axis * v.z + at.translation; }
+
+Triangle place(Placement at, Triangle t) {
+    vec3 b = place(at, t.v1);
+    vec3 c = place(at, t.v2);
+    return Triangle(place(at, t.v0), at.is_mirrored ? c : b, at.is_mirrored ? b : c, t.material, t.original);
+}
+
+// As it is in memory: of a mesh in its place, in the mesh's own coordinates.
 Triangle fetch_triangle(uint index) {
     uvec4 a = fetch_triangles(TRIANGLE_TEXELS * index);
     uvec4 b = fetch_triangles(TRIANGLE_TEXELS * index + 1u);
@@ -19,10 +96,27 @@ Triangle fetch_triangle(uint index) {
     return Triangle(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(c.xyz), b.w, a.w);
 }
 
+// In normalised space.
+Triangle fetch_triangle(Primitive primitive) {
+    Triangle t = fetch_triangle(primitive.triangle);
+    if (TWO_LEVEL) {
+        uint root;
+        t = place(fetch_placement(primitive.instance, root), t);
+    }
+    return t;
+}
+
 uint triangle_material(uint index) { return fetch_triangles(TRIANGLE_TEXELS * index + 1u).w; }
 
 // Area of an emissive triangle over the probability that light sampling picks it; 0 of any other.
-float light_area(uint index) { return uintBitsToFloat(fetch_triangles(TRIANGLE_TEXELS * index + 2u).w); }
+float light_area(Primitive primitive) {
+    uint area = fetch_triangles(TRIANGLE_TEXELS * primitive.triangle + 2u).w;
+    if (TWO_LEVEL) {
+        // It is the number of the triangle among the lights of its mesh.
+        area = fetch_placed_lights(first_light(primitive.instance) + area).y;
+    }
+    return uintBitsToFloat(area);
+}
 
 // What only principled materials have, each in [0, 1].
 struct Principled {
@@ -117,14 +211,18 @@ vec3 material_emission(uint index) { return uintBitsToFloat(fetch_materials(MATE
 
 // A cell of the alias table of emissive triangles.
 struct Light {
-    uint triangle;
+    Primitive primitive;
     float threshold;  // probability that the cell stands for itself
     uint alias;       // the light that it stands for otherwise
 };
 
 Light fetch_light(uint index) {
     uvec4 light = fetch_lights(index);
-    return Light(light.x, uintBitsToFloat(light.y), light.z);
+    Primitive primitive = world_primitive(light.x);
+    if (TWO_LEVEL) {
+        primitive.instance = fetch_placed_lights(index).x;
+    }
+    return Light(primitive, uintBitsToFloat(light.y), light.z);
 }
 
 // A light that is no surface, a cell of the alias table of them.
@@ -166,13 +264,44 @@ struct Normals {
     bool present;
 };
 
-Normals fetch_corner_normals(uint original) {
+// Encodes a vector of any length, as the host does. (The same)
+uint encode_normal(vec3 n) {
+    n = n / (abs(n.x) + abs(n.y) + abs(n.z));
+    vec2 away = vec2(n.x >= 0.0 ? 1.0 - abs(n.y) : abs(n.y) - 1.0, n.y >= 0.0 ? 1.0 - abs(n.x) : abs(n.x) - 1.0);
+    vec2 p = n.z >= 0.0 ? n.xy : away;
+    uvec2 bits = uvec2(ivec2(floor(clamp(p, vec2(-1.0), vec2(1.0)) * 32767.0 + 0.5))) & 0xffffu;
+    return bits.x | bits.y << 16;
+}
+
+// The normals of the primitive whose index in the scene's order is `original`. Those of a mesh in its place are encoded anew
+// there, as they are where meshes are flattened.
+Normals fetch_corner_normals(Primitive primitive, uint original) {
     uvec4 corners = fetch_normals(original);
+    if (TWO_LEVEL) {
+        uvec3 placed = uvec3(encode_normal(placed_normal(primitive.instance, decode_normal(corners.x))),
+            encode_normal(placed_normal(primitive.instance, decode_normal(corners.y))),
+            encode_normal(placed_normal(primitive.instance, decode_normal(corners.z))));
+        corners.xyz = is_mirrored(primitive.instance) ? placed.xzy : placed;
+    }
     return Normals(decode_normal(corners.x), decode_normal(corners.y), decode_normal(corners.z), corners.w != 0u);
 }
 
-vec2 fetch_corner_uv(uint original, uint corner) {
-    return uintBitsToFloat(fetch_texture_coordinates(3u * original + corner));
+// Texture coordinates of the corners of a triangle.
+struct CornerUvs {
+    vec2 a;
+    vec2 b;
+    vec2 c;
+};
+
+CornerUvs fetch_corner_uvs(Primitive primitive, uint original) {
+    vec2 a = uintBitsToFloat(fetch_texture_coordinates(3u * original));
+    vec2 b = uintBitsToFloat(fetch_texture_coordinates(3u * original + 1u));
+    vec2 c = uintBitsToFloat(fetch_texture_coordinates(3u * original + 2u));
+    bool swaps = false;
+    if (TWO_LEVEL) {
+        swaps = is_mirrored(primitive.instance);
+    }
+    return CornerUvs(a, swaps ? c : b, swaps ? b : c);
 }
 
 // An image is a header, then its texels in rows.

@@ -151,7 +151,7 @@ Hit trace_closest_wide(Ray ray) {
         find_triangles(node, stack, triangles, grid, box_t_max(nearest.hit.distance, grid.inverse), CLOSEST_GROUPS);
         bool due = is_due(triangles, node, CLOSEST_GROUPS);
         while (due && any_left(triangles)) {
-            hit_triangle(Primitive(take_triangle(triangles)), ray, space, nearest);
+            hit_triangle(world_primitive(take_triangle(triangles)), no_placement(), ray, space, nearest);
         }
         balance_stack(stack);
     }
@@ -172,7 +172,7 @@ bool trace_any_wide(Ray ray, Primitive target, float t_max) {
         bool due = is_due(triangles, node, ANY_GROUPS);
         while (due && any_left(triangles)) {
             uint triangle = take_triangle(triangles);
-            occlude(Primitive(triangle), fetch_triangle(triangle), ray, space, target, t_max, occlusion);
+            occlude(world_primitive(triangle), fetch_triangle(triangle), ray, space, target, t_max, occlusion);
         }
         boxes_t_max = occlusion.occluded ? -1.0 : boxes_t_max;
         node = all_rays(occlusion.occluded) ? NO_NODE : node;

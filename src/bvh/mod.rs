@@ -4,6 +4,7 @@
 //! triangles and rays; it knows nothing of scene files, materials or the GPU.
 
 mod fans;
+mod instances;
 mod sliver;
 mod traverse;
 mod wide;
@@ -20,11 +21,11 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
-pub use traverse::{Hit, Ray, Work, count_any, count_closest, trace_any, trace_closest};
+pub use traverse::{Hit, Primitive, Ray, Work, count_any, count_closest, trace_any, trace_closest};
 
 use self::sliver::is_thin;
 use crate::constants::{LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES, LISTED_TRIANGLES, WIDE_MAX_NODES};
-use crate::layout::Node;
+use crate::layout::{Instance, Node};
 
 /// Most triangles that a leaf reference can address.
 pub const MAX_TRIANGLES: usize = 1 << LEAF_COUNT_SHIFT;
@@ -111,6 +112,9 @@ pub struct Bvh {
     pub node_count: usize,
     /// For each place in leaf order, the index of the triangle in the input.
     pub order: Vec<u32>,
+    /// Meshes in their places, of a tree of two levels: its leaves are instances of these, under each of which is a tree of
+    /// triangles. Empty otherwise.
+    pub instances: Vec<Instance>,
     /// Inner nodes on the longest path from the root to a leaf, at most 60 more than in a balanced tree of all leaves.
     /// A traversal never has more entries than that on its stack.
     pub depth: u32,
@@ -141,8 +145,18 @@ impl Bvh {
         bvh
     }
 
+    /// Whether its leaves are meshes in their places.
+    pub fn has_two_levels(&self) -> bool {
+        !self.instances.is_empty()
+    }
+
     fn tree(kind: BvhKind, triangles: &[[Vec3; 3]]) -> Self {
-        let mut tree = binary_tree(triangles, if kind == BvhKind::Bvh2 { LEAF_MAX_TRIANGLES } else { 1 });
+        let most = if kind == BvhKind::Bvh2 { LEAF_MAX_TRIANGLES } else { 1 };
+        Self::of_any_depth(kind, binary_tree(&boxes_of(triangles), &fans::find(triangles), most))
+    }
+
+    /// Lays a binary tree out, of no more levels than the kernels' stack has entries.
+    fn of_any_depth(kind: BvhKind, mut tree: Bvh2) -> Self {
         let mut bvh = Self::of_tree(kind, &tree);
         if bvh.depth > FREE_LEVELS {
             limit_depth(&mut tree);
@@ -158,6 +172,7 @@ impl Bvh {
             texels: Vec::new(),
             node_count: 0,
             order: Vec::new(),
+            instances: Vec::new(),
             depth: 0,
             leaf_count: 0,
             sah_cost: 0.0,
@@ -179,6 +194,7 @@ impl Bvh {
             texels: Vec::new(),
             node_count: 0,
             order: (0..triangles as u32).collect(),
+            instances: Vec::new(),
             depth: 0,
             leaf_count: 1,
             sah_cost: triangles as f64,
@@ -268,7 +284,7 @@ impl Bvh {
 /// As its preset `medium_build`, but with shorter series of reinsertions: 4 iterations instead of 16, after leaves are
 /// merged as before. A wide tree, whose leaves stay single, gets no second series: it would save 0 to 2 % of the nodes
 /// that a ray visits for an eighth of the build time.
-fn binary_tree(triangles: &[[Vec3; 3]], max_leaf_triangles: u32) -> Bvh2 {
+fn binary_tree(boxes: &[Aabb], fans: &[Vec<u32>], max_leaf_triangles: u32) -> Bvh2 {
     /// Share of the nodes that one iteration of reinsertion moves at most.
     const REINSERTED: f32 = 0.05;
     /// Iterations, as shares of that share: the largest nodes are tried every time.
@@ -278,6 +294,22 @@ fn binary_tree(triangles: &[[Vec3; 3]], max_leaf_triangles: u32) -> Bvh2 {
     /// Cost of a node visit in triangle tests, when leaves are merged.
     const NODE_COST: f32 = 3.0;
 
+    let ploc = |boxes: &[Aabb]| {
+        let indices = (0..boxes.len() as u32).collect();
+        PlocBuilder::new().build(PlocSearchDistance::Medium, boxes, indices, SortPrecision::U64, NEAR_LEVELS)
+    };
+    let mut tree = if fans.is_empty() { ploc(boxes) } else { fans::build(boxes, fans, ploc) };
+    let mut optimizer = ReinsertionOptimizer::default();
+    optimizer.run(&mut tree, REINSERTED, Some(TURNS.to_vec()));
+    if max_leaf_triangles > 1 {
+        leaf_collapser::collapse(&mut tree, max_leaf_triangles, NODE_COST);
+        optimizer.run(&mut tree, REINSERTED, Some(TURNS.to_vec()));
+    }
+    tree
+}
+
+/// Boxes of triangles.
+fn boxes_of(triangles: &[[Vec3; 3]]) -> Vec<Aabb> {
     /// How far a triangle's box extends beyond it, as a share of its longest side. The triangle test projects corners
     /// along the ray to the origin's plane and rounds them there, so it may find a hit on a triangle that the ray
     /// misses by a few roundings of the triangle's length.
@@ -288,20 +320,7 @@ fn binary_tree(triangles: &[[Vec3; 3]], max_leaf_triangles: u32) -> Bvh2 {
         let margin = Vec3::splat(MARGIN * (high - low).max_element());
         Aabb::new((low - margin).into(), (high + margin).into())
     };
-    let boxes: Vec<Aabb> = triangles.par_iter().map(box_of).collect();
-    let ploc = |boxes: &[Aabb]| {
-        let indices = (0..boxes.len() as u32).collect();
-        PlocBuilder::new().build(PlocSearchDistance::Medium, boxes, indices, SortPrecision::U64, NEAR_LEVELS)
-    };
-    let fans = fans::find(triangles);
-    let mut tree = if fans.is_empty() { ploc(&boxes) } else { fans::build(&boxes, &fans, ploc) };
-    let mut optimizer = ReinsertionOptimizer::default();
-    optimizer.run(&mut tree, REINSERTED, Some(TURNS.to_vec()));
-    if max_leaf_triangles > 1 {
-        leaf_collapser::collapse(&mut tree, max_leaf_triangles, NODE_COST);
-        optimizer.run(&mut tree, REINSERTED, Some(TURNS.to_vec()));
-    }
-    tree
+    triangles.par_iter().map(box_of).collect()
 }
 
 fn set_box(node: &mut Node, side: Side, aabb: &Aabb) {

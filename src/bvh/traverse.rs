@@ -6,8 +6,32 @@ use glam::{Vec3, Vec3Swizzles};
 
 use super::sliver::{is_thin, signed_volume};
 use super::{Bvh, BvhKind};
-use crate::constants::{ANY_GROUPS, CLOSEST_GROUPS, LEAF_BIT, LEAF_COUNT_SHIFT, NO_TRIANGLE, WIDE_INNER_BIT};
-use crate::layout::{Node, Triangle};
+use crate::constants::{
+    ANY_GROUPS, CLOSEST_GROUPS, INSTANCE_DONE, LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_INSTANCE, NO_TRIANGLE, WIDE_INNER_BIT,
+    WORLD_INSTANCE,
+};
+use crate::layout::{Instance, Node, Triangle};
+
+/// What a ray can hit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Primitive {
+    /// Position of the triangle in leaf order, or `NO_TRIANGLE`.
+    pub triangle: u32,
+    /// Index of the mesh in its place that it is of, where there are such; else `WORLD_INSTANCE`.
+    pub instance: u32,
+}
+
+impl Primitive {
+    /// None.
+    pub const NONE: Self = Self { triangle: NO_TRIANGLE, instance: NO_TRIANGLE };
+}
+
+impl From<u32> for Primitive {
+    /// A triangle of the world itself.
+    fn from(triangle: u32) -> Self {
+        Self { triangle, instance: WORLD_INSTANCE }
+    }
+}
 
 /// A ray of normalised space. The direction need not be unit.
 #[derive(Debug, Clone, Copy)]
@@ -16,8 +40,8 @@ pub struct Ray {
     pub origin: Vec3,
     /// Direction; distances are in its lengths.
     pub direction: Vec3,
-    /// Position in leaf order of the triangle that the origin lies on, which the ray cannot hit; or `NO_TRIANGLE`.
-    pub leaves: u32,
+    /// What the origin lies on, which the ray cannot hit; or none.
+    pub leaves: Primitive,
 }
 
 /// Nearest hit of a ray.
@@ -25,6 +49,8 @@ pub struct Ray {
 pub struct Hit {
     /// Position of the triangle in leaf order.
     pub triangle: u32,
+    /// Index of the mesh in its place that it is of, where there are such; else `WORLD_INSTANCE`.
+    pub instance: u32,
     /// Weights of the second and third vertex.
     pub barycentrics: [f32; 2],
     /// Distance in lengths of the direction.
@@ -134,9 +160,39 @@ fn box_t_max(limit: f32, inverse: Vec3) -> f32 {
     limit * LIMIT_SLACK + LIMIT_MARGIN * inverse.abs().min_element()
 }
 
-fn enter_box(low: [f32; 3], high: [f32; 3], origin: Vec3, inverse: Vec3, reach: f32) -> Option<f32> {
-    let t0 = (Vec3::from(low) - origin) * inverse;
-    let t1 = (Vec3::from(high) - origin) * inverse;
+/// A ray as boxes see it. As in `binary.glsl`.
+#[derive(Clone, Copy)]
+struct BoxRay {
+    /// The origin, farther by what roundings may move it: from lower and from upper planes.
+    from_low: Vec3,
+    from_high: Vec3,
+    inverse: Vec3,
+}
+
+impl BoxRay {
+    fn of(ray: &Ray) -> Self {
+        Self { from_low: ray.origin, from_high: ray.origin, inverse: safe_inverse(ray.direction) }
+    }
+
+    /// In the coordinates of a mesh in its place. `instances.rs` has the bounds.
+    fn in_mesh(ray: &Ray, instance: &Instance) -> Self {
+        let [x, y, z] = instance.inverse.map(|[x, y, z, _]| Vec3::new(x, y, z));
+        let slack = Vec3::from_array(instance.inverse.map(|[.., slack]| slack));
+        let way = ray.origin - Vec3::from(instance.translation);
+        let to_mesh = |v: Vec3| x * v.x + y * v.y + z * v.z;
+        let origin = to_mesh(way);
+        let reach = x.abs() * way.x.abs() + y.abs() * way.y.abs() + z.abs() * way.z.abs();
+        let margin = slack + reach * INSTANCE_SLACK;
+        Self { from_low: origin + margin, from_high: origin - margin, inverse: safe_inverse(to_mesh(ray.direction)) }
+    }
+}
+
+/// As in `binary.glsl`.
+const INSTANCE_SLACK: f32 = 32.0 * 5.960_464_5e-8;
+
+fn enter_box(low: [f32; 3], high: [f32; 3], ray: &BoxRay, reach: f32) -> Option<f32> {
+    let t0 = (Vec3::from(low) - ray.from_low) * ray.inverse;
+    let t1 = (Vec3::from(high) - ray.from_high) * ray.inverse;
     let near = t0.min(t1);
     let far = t0.max(t1);
     let enter = near.x.max(near.y).max(near.z.max(0.0));
@@ -144,38 +200,50 @@ fn enter_box(low: [f32; 3], high: [f32; 3], origin: Vec3, inverse: Vec3, reach: 
     (enter <= leave * SLAB_SLACK).then_some(enter)
 }
 
+/// What a traversal does with triangles of an instance: the limit from there on, or the end.
+trait Visit: FnMut(u32, &[u32]) -> ControlFlow<(), f32> {}
+
+impl<F: FnMut(u32, &[u32]) -> ControlFlow<(), f32>> Visit for F {}
+
 /// Visits the triangles, by position in leaf order, of leaves that the ray enters nearer than `limit`: nearer children
-/// first and, in a wide tree, the triangles of `groups` nodes at once, as the kernels do. `visit` returns the limit
-/// from there on, or ends the traversal.
-fn walk(bvh: &Bvh, ray: &Ray, limit: f32, groups: u32, visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
+/// first and, in a wide tree, the triangles of `groups` nodes at once, as the kernels do.
+fn walk(bvh: &Bvh, ray: &Ray, limit: f32, groups: u32, visit: impl Visit) -> Work {
     match bvh.kind {
         BvhKind::List => walk_list(&bvh.order, visit),
-        BvhKind::Bvh2 => walk_binary(bvh.binary_nodes(), ray, limit, visit),
+        BvhKind::Bvh2 => walk_binary(bvh, ray, limit, visit),
         BvhKind::Bvh4 | BvhKind::Cwbvh => walk_wide(bvh, ray, limit, groups, visit),
     }
 }
 
 /// Visits all triangles, whether the ray is occluded or not, as the kernels do.
-fn walk_list(order: &[u32], mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>) -> Work {
-    let _ = visit(order);
+fn walk_list(order: &[u32], mut visit: impl Visit) -> Work {
+    let _ = visit(WORLD_INSTANCE, order);
     Work { nodes: 0, triangles: order.len() as u64 }
 }
 
-fn walk_binary(
-    nodes: &[Node],
-    ray: &Ray,
-    mut limit: f32,
-    mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>,
-) -> Work {
-    let inverse = safe_inverse(ray.direction);
+fn walk_binary(bvh: &Bvh, ray: &Ray, mut limit: f32, mut visit: impl Visit) -> Work {
+    let nodes = bvh.binary_nodes();
+    let in_world = BoxRay::of(ray);
+    let (mut instance, mut box_ray) = (WORLD_INSTANCE, in_world);
     let mut stack = vec![0_u32];
     let mut work = Work::default();
     while let Some(reference) = stack.pop() {
+        if reference == INSTANCE_DONE {
+            (instance, box_ray) = (WORLD_INSTANCE, in_world);
+            continue;
+        }
         if reference & LEAF_BIT != 0 {
             let first = reference & ((1 << LEAF_COUNT_SHIFT) - 1);
             let count = (reference & !LEAF_BIT) >> LEAF_COUNT_SHIFT;
+            if count == LEAF_INSTANCE {
+                instance = first;
+                let entered = &bvh.instances[instance as usize];
+                box_ray = BoxRay::in_mesh(ray, entered);
+                stack.extend([INSTANCE_DONE, entered.root]);
+                continue;
+            }
             work.triangles += u64::from(count);
-            match visit(&Vec::from_iter(first..first + count)) {
+            match visit(instance, &Vec::from_iter(first..first + count)) {
                 ControlFlow::Continue(nearer) => limit = nearer,
                 ControlFlow::Break(()) => break,
             }
@@ -183,9 +251,9 @@ fn walk_binary(
         }
         work.nodes += 1;
         let Node { left_low, left, left_high, right_low, right, right_high, .. } = nodes[reference as usize];
-        let reach = box_t_max(limit, inverse);
-        let enter_left = enter_box(left_low, left_high, ray.origin, inverse, reach);
-        let enter_right = enter_box(right_low, right_high, ray.origin, inverse, reach);
+        let reach = box_t_max(limit, in_world.inverse);
+        let enter_left = enter_box(left_low, left_high, &box_ray, reach);
+        let enter_right = enter_box(right_low, right_high, &box_ray, reach);
         match (enter_left, enter_right) {
             (Some(l), Some(r)) if l <= r => stack.extend([right, left]),
             (Some(_), Some(_)) => stack.extend([left, right]),
@@ -200,13 +268,7 @@ fn walk_binary(
 /// As in `wide.glsl`.
 const PLANE_ERROR: f32 = 8.0 * 5.960_464_5e-8;
 
-fn walk_wide(
-    bvh: &Bvh,
-    ray: &Ray,
-    mut limit: f32,
-    groups: u32,
-    mut visit: impl FnMut(&[u32]) -> ControlFlow<(), f32>,
-) -> Work {
+fn walk_wide(bvh: &Bvh, ray: &Ray, mut limit: f32, groups: u32, mut visit: impl Visit) -> Work {
     let inverse = safe_inverse(ray.direction);
     let octant = (0..3).fold(0, |octant, axis| octant << 1 | u32::from(inverse[axis] >= 0.0));
     // Base index of a node's children, and a mask of those still to visit, the nearest one highest.
@@ -235,7 +297,7 @@ fn walk_wide(
             continue;
         }
         work.triangles += postponed.len() as u64;
-        match visit(&postponed) {
+        match visit(WORLD_INSTANCE, &postponed) {
             ControlFlow::Continue(nearer) => limit = nearer,
             ControlFlow::Break(()) => break,
         }
@@ -287,61 +349,84 @@ struct Nearest {
 }
 
 impl Nearest {
-    const NONE: Self =
-        Self { hit: Hit { triangle: NO_TRIANGLE, barycentrics: [0.0; 2], distance: f32::MAX }, original: NO_TRIANGLE };
+    const NONE: Self = Self {
+        hit: Hit { triangle: NO_TRIANGLE, instance: NO_TRIANGLE, barycentrics: [0.0; 2], distance: f32::MAX },
+        original: NO_TRIANGLE,
+    };
 
     fn take(&mut self, hit: Hit, original: u32) {
-        if (hit.distance, original) < (self.hit.distance, self.original) {
+        if (hit.distance, hit.instance, original) < (self.hit.distance, self.hit.instance, self.original) {
             *self = Self { hit, original };
         }
     }
+
+    /// A hit's triangle and instance.
+    fn primitive(&self) -> Primitive {
+        Primitive { triangle: self.hit.triangle, instance: self.hit.instance }
+    }
+}
+
+/// A triangle in normalised space.
+fn placed(bvh: &Bvh, triangles: &[Triangle], Primitive { triangle, instance }: Primitive) -> Triangle {
+    let own = triangles[triangle as usize];
+    let Some(instance) = bvh.instances.get(instance as usize) else { return own };
+    let [v0, v1, v2] = instance.place_corners([own.v0, own.v1, own.v2], |corner| instance.place(corner));
+    Triangle { v0, v1, v2, ..own }
 }
 
 /// [`trace_closest`], and its work.
 pub fn count_closest(bvh: &Bvh, triangles: &[Triangle], ray: &Ray) -> (Option<Hit>, Work) {
     let space = RaySpace::of(ray);
     let (mut nearest, mut touching) = (Nearest::NONE, Nearest::NONE);
-    let work = walk(bvh, ray, f32::MAX, CLOSEST_GROUPS, |leaf| {
-        for &place in leaf.iter().filter(|place| **place != ray.leaves) {
-            let triangle = &triangles[place as usize];
-            let Some((distance, barycentrics)) = intersect_triangle(&space, triangle) else { continue };
+    let work = walk(bvh, ray, f32::MAX, CLOSEST_GROUPS, |instance, leaf| {
+        let primitives = leaf.iter().map(|&triangle| Primitive { triangle, instance });
+        for primitive in primitives.filter(|primitive| *primitive != ray.leaves) {
+            let triangle = placed(bvh, triangles, primitive);
+            let Some((distance, barycentrics)) = intersect_triangle(&space, &triangle) else { continue };
             let touches = bvh.has_thin_triangles && touches_origin(&space, distance);
             let nearest = if touches { &mut touching } else { &mut nearest };
-            nearest.take(Hit { triangle: place, barycentrics, distance }, triangle.original);
+            nearest.take(Hit { triangle: primitive.triangle, instance, barycentrics, distance }, triangle.original);
         }
         ControlFlow::Continue(nearest.hit.distance)
     });
-    let place = touching.hit.triangle;
-    if place != NO_TRIANGLE && !lies_behind(&space, &triangles[place as usize]) {
+    let found = touching.primitive();
+    if found.triangle != NO_TRIANGLE && !lies_behind(&space, &placed(bvh, triangles, found)) {
         nearest = touching;
     }
     ((nearest.hit.triangle != NO_TRIANGLE).then_some(nearest.hit), work)
 }
 
 /// Whether the ray is occluded: whether any triangle but `target` is nearer than `limit`.
-pub fn trace_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> bool {
+pub fn trace_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: impl Into<Primitive>, limit: f32) -> bool {
     count_any(bvh, triangles, ray, target, limit).0
 }
 
 /// [`trace_any`], and its work.
-pub fn count_any(bvh: &Bvh, triangles: &[Triangle], ray: &Ray, target: u32, limit: f32) -> (bool, Work) {
+pub fn count_any(
+    bvh: &Bvh,
+    triangles: &[Triangle],
+    ray: &Ray,
+    target: impl Into<Primitive>,
+    limit: f32,
+) -> (bool, Work) {
+    let ignored = [ray.leaves, target.into()];
     let space = RaySpace::of(ray);
     let (mut occluded, mut touching) = (false, None);
-    let work = walk(bvh, ray, limit, ANY_GROUPS, |leaf| {
-        for &place in leaf {
-            let hit = intersect_triangle(&space, &triangles[place as usize]);
-            let Some((distance, _)) = hit.filter(|hit| hit.0 < limit && ![ray.leaves, target].contains(&place)) else {
+    let work = walk(bvh, ray, limit, ANY_GROUPS, |instance, leaf| {
+        for primitive in leaf.iter().map(|&triangle| Primitive { triangle, instance }) {
+            let hit = intersect_triangle(&space, &placed(bvh, triangles, primitive));
+            let Some((distance, _)) = hit.filter(|hit| hit.0 < limit && !ignored.contains(&primitive)) else {
                 continue;
             };
             // Of two that touch the origin one is believed.
             if bvh.has_thin_triangles && touches_origin(&space, distance) && touching.is_none() {
-                touching = Some(place);
+                touching = Some(primitive);
             } else {
                 occluded = true;
             }
         }
         if occluded { ControlFlow::Break(()) } else { ControlFlow::Continue(limit) }
     });
-    let touched = |place: u32| !lies_behind(&space, &triangles[place as usize]);
+    let touched = |primitive| !lies_behind(&space, &placed(bvh, triangles, primitive));
     (occluded || touching.is_some_and(touched), work)
 }

@@ -23,9 +23,9 @@ pub enum RaysError {
 #[derive(Debug, Clone, PartialEq, Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum Fault {
-    #[error("this is no ray dump, which begins with `raywave rays 1`; name a file that `raywave dump-rays` wrote")]
+    #[error("this is no ray dump, which begins with `raywave rays`; name a file that `raywave dump-rays` wrote")]
     Magic,
-    #[error("the dump has version {0} of the format and this raywave reads version 1; dump the rays anew")]
+    #[error("the dump has version {0} of the format and this raywave reads versions 1 and 2; dump the rays anew")]
     Version(String),
     #[error("the file ends within the metadata; dump the rays anew")]
     MetadataCut,
@@ -54,8 +54,12 @@ pub enum Fault {
     NotFinite { field: &'static str, value: f32 },
     #[error("direction is zero")]
     NoDirection,
+    #[error("{field} is triangle {triangle} and its instance has {triangles}")]
+    NoSuchTriangleOfInstance { field: &'static str, triangle: u32, triangles: u32 },
     #[error("{field} is triangle {triangle} and the scene has {triangles}")]
     NoSuchTriangle { field: &'static str, triangle: u32, triangles: u32 },
+    #[error("{field} is of instance {instance} and the scene has {instances}")]
+    NoSuchInstance { field: &'static str, instance: u32, instances: u64 },
     #[error("target is a triangle, which only shadow rays have")]
     Target,
 }

@@ -6,12 +6,13 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::{Fault, Metadata, RayDump, RayRecord, RayScene, RaysError, RecordLayout};
+use super::{Fault, Instances, Metadata, RayDump, RayRecord, RayScene, RaysError, RecordLayout, Version};
 use crate::whole_file;
 
 /// What every dump begins with, before the version.
 const MAGIC: &str = "raywave rays ";
-const VERSION: &str = "1";
+/// The versions, as they are written.
+const VERSIONS: [(Version, &str); 2] = [(Version::One, "1"), (Version::Two, "2")];
 /// Most bytes that are searched for the end of the metadata.
 const MAX_METADATA_BYTES: u64 = 1 << 20;
 
@@ -23,10 +24,12 @@ impl RayDump {
     pub fn write(&self, path: &Path) -> Result<(), RaysError> {
         let metadata = serde_json::to_string(&self.metadata).expect("numbers and names become JSON");
         let fill = |file: &mut dyn Write| {
-            writeln!(file, "{MAGIC}{VERSION}\n{metadata}")?;
+            let version = Version::of(&self.metadata.scene);
+            let (_, number) = VERSIONS.into_iter().find(|(known, _)| *known == version).expect("it is known");
+            writeln!(file, "{MAGIC}{number}\n{metadata}")?;
             self.rays.chunks(RECORDS_AT_ONCE).try_for_each(|rays| {
-                let bytes: Vec<_> = rays.iter().map(to_bytes).collect();
-                file.write_all(bytes.as_flattened())
+                let bytes: Vec<_> = rays.iter().flat_map(|ray| to_bytes(ray, version)).collect();
+                file.write_all(&bytes)
             })
         };
         whole_file::write(path, fill).map_err(|cause| RaysError::Write { path: path.into(), cause })
@@ -65,9 +68,9 @@ fn parse(mut file: impl BufRead, scene: &RayScene) -> Result<RayDump, ParseError
     let Some(version) = magic.strip_prefix(MAGIC.as_bytes()).and_then(|rest| rest.strip_suffix(b"\n")) else {
         return fault(0, Fault::Magic);
     };
-    if version != VERSION.as_bytes() {
+    let Some((version, _)) = VERSIONS.into_iter().find(|(_, number)| number.as_bytes() == version) else {
         return fault(MAGIC.len() as u64, Fault::Version(String::from_utf8_lossy(version).into_owned()));
-    }
+    };
 
     let start = magic.len() as u64;
     let text = line(&mut file, MAX_METADATA_BYTES)?;
@@ -85,11 +88,11 @@ fn parse(mut file: impl BufRead, scene: &RayScene) -> Result<RayDump, ParseError
             return fault(start + (error.column() as u64).saturating_sub(1), Fault::Metadata(said));
         }
     };
-    if let Err(wrong) = check(&metadata, scene) {
+    if let Err(wrong) = check(&metadata, scene, version) {
         return fault(start, wrong);
     }
 
-    let size = size_of::<RayRecord>() as u64;
+    let size = version.record_bytes() as u64;
     let bytes = metadata.rays.checked_mul(size).filter(|bytes| *bytes > 0 && *bytes < isize::MAX as u64);
     let Some(expected) = bytes else {
         return fault(start, Fault::Count(metadata.rays));
@@ -101,11 +104,11 @@ fn parse(mut file: impl BufRead, scene: &RayScene) -> Result<RayDump, ParseError
     let mut found = 0;
     loop {
         bytes.clear();
-        let more = rest.by_ref().take((RECORDS_AT_ONCE * RECORD_BYTES) as u64).read_to_end(&mut bytes)?;
+        let most = RECORDS_AT_ONCE * version.record_bytes();
+        let more = rest.by_ref().take(most as u64).read_to_end(&mut bytes)?;
         found += more as u64;
-        let (records, _) = bytes.as_chunks();
-        rays.extend(records.iter().map(from_bytes));
-        if more < RECORDS_AT_ONCE * RECORD_BYTES {
+        rays.extend(bytes.chunks_exact(version.record_bytes()).map(from_bytes));
+        if more < most {
             break;
         }
     }
@@ -115,9 +118,9 @@ fn parse(mut file: impl BufRead, scene: &RayScene) -> Result<RayDump, ParseError
     if found > expected {
         return fault(end + expected, Fault::TooLong { rays: metadata.rays });
     }
-    let (class, triangles) = (metadata.class, metadata.scene.triangles);
-    if let Some(number) = rays.par_iter().position_first(|ray| ray.fault_in(class, triangles).is_some()) {
-        let (byte, wrong) = rays[number].fault_in(class, triangles).expect("it was just found");
+    let (class, instances) = (metadata.class, Instances::of(&metadata.scene));
+    if let Some(number) = rays.par_iter().position_first(|ray| ray.fault_in(class, &instances).is_some()) {
+        let (byte, wrong) = rays[number].fault_in(class, &instances).expect("it was just found");
         let number = number as u64;
         return fault(end + number * size + byte, Fault::Ray { ray: number, fault: Box::new(wrong) });
     }
@@ -132,28 +135,34 @@ fn line(file: &mut impl BufRead, limit: u64) -> std::io::Result<Vec<u8>> {
 }
 
 /// Checks that the records have the layout that is read, and belong to the scene.
-fn check(metadata: &Metadata, scene: &RayScene) -> Result<(), Fault> {
-    if metadata.record != RecordLayout::of_rays() {
+fn check(metadata: &Metadata, scene: &RayScene, version: Version) -> Result<(), Fault> {
+    let dumped = &metadata.scene;
+    if metadata.record != RecordLayout::of_rays(dumped) || Version::of(dumped) != version {
         return Err(Fault::Layout);
     }
-    let dumped = &metadata.scene;
     if dumped.scene_hash != scene.scene_hash {
         return Err(Fault::Scene { dumped: Box::new(dumped.clone()), named: Box::new(scene.clone()) });
     }
-    let same = (dumped.triangles, dumped.centre, dumped.scale) == (scene.triangles, scene.centre, scene.scale);
+    let space = |of: &RayScene| (of.triangles, of.placed.clone(), of.centre, of.scale);
+    let same = space(dumped) == space(scene);
     if same { Ok(()) } else { Err(Fault::Space(metadata.raywave_version.clone())) }
 }
 
-const RECORD_BYTES: usize = size_of::<RayRecord>();
 /// Records that are read or written at a time.
 const RECORDS_AT_ONCE: usize = 1 << 15;
+/// Numbers of a record of the last version.
+const WORDS: usize = size_of::<RayRecord>() / 4;
 
-fn to_bytes(ray: &RayRecord) -> [u8; RECORD_BYTES] {
-    let words: [u32; RECORD_BYTES / 4] = bytemuck::cast(*ray);
-    bytemuck::cast(words.map(u32::to_le))
+fn to_bytes(ray: &RayRecord, version: Version) -> impl Iterator<Item = u8> + use<> {
+    let words: [u32; WORDS] = bytemuck::cast(*ray);
+    words.into_iter().flat_map(u32::to_le_bytes).take(version.record_bytes())
 }
 
-fn from_bytes(bytes: &[u8; RECORD_BYTES]) -> RayRecord {
-    let words: [u32; RECORD_BYTES / 4] = bytemuck::pod_read_unaligned(bytes);
-    bytemuck::cast(words.map(u32::from_le))
+/// A record whose last numbers may be left out: they are 0 then.
+fn from_bytes(bytes: &[u8]) -> RayRecord {
+    let mut words = [0; WORDS];
+    for (word, bytes) in words.iter_mut().zip(bytes.as_chunks().0) {
+        *word = u32::from_le_bytes(*bytes);
+    }
+    bytemuck::cast(words)
 }

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 pub use error::{Fault, RaysError};
 pub use npy::{write_distances, write_triangles};
 
-use crate::constants::NO_TRIANGLE;
+use crate::constants::{NO_TRIANGLE, WORLD_INSTANCE};
 
 /// Rays with everything that is needed to trace them elsewhere.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,19 +25,25 @@ pub struct RayDump {
     pub rays: Vec<RayRecord>,
 }
 
-/// A ray of normalised space (the scene's bounds fit [-1, 1]³). 32 bytes.
+/// A ray of normalised space (the scene's bounds fit [-1, 1]³). 40 bytes, of which version 1 of the format has 32.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct RayRecord {
     /// Start. Finite.
     pub origin: [f32; 3],
-    /// Triangle that the origin lies on, which the ray cannot hit, in the scene's order; or `NO_TRIANGLE`.
+    /// Triangle that the origin lies on, which the ray cannot hit, by its number among those of its instance; or
+    /// `NO_TRIANGLE`.
     pub leaves: u32,
     /// Direction; distances are in its lengths. Finite, not zero. A shadow ray to a light reaches it at 1.
     pub direction: [f32; 3],
-    /// Of a shadow ray, the light's triangle, which does not occlude it, in the scene's order. `NO_TRIANGLE` for a
-    /// shadow ray without an end, and for other rays.
+    /// Of a shadow ray, the light's triangle, which does not occlude it, by its number among those of its instance.
+    /// `NO_TRIANGLE` for a shadow ray without an end, and for other rays.
     pub target: u32,
+    /// Instance of `leaves`: 0 is the world, then come the placements of meshes in the scene's order; means nothing without
+    /// a triangle.
+    pub leaves_instance: u32,
+    /// Instance of `target`.
+    pub target_instance: u32,
 }
 
 impl RayRecord {
@@ -58,18 +64,33 @@ impl RayRecord {
         (self.direction == [0.0; 3]).then_some((DIRECTION_BYTE, Fault::NoDirection))
     }
 
-    /// What is wrong with it as a ray of that class in a scene of that many triangles, and how many bytes into the
+    /// What is wrong with it as a ray of that class in a scene of instances with those ends, and how many bytes into the
     /// record.
-    fn fault_in(&self, class: RayClass, triangles: u32) -> Option<(u64, Fault)> {
-        let missing = |triangle: u32| triangle != NO_TRIANGLE && triangle >= triangles;
+    fn fault_in(&self, class: RayClass, instances: &Instances) -> Option<(u64, Fault)> {
         if let Some(fault) = self.fault() {
             return Some(fault);
         }
-        if missing(self.leaves) {
-            return Some((LEAVES_BYTE, Fault::NoSuchTriangle { field: "leaves", triangle: self.leaves, triangles }));
-        }
-        if missing(self.target) {
-            return Some((TARGET_BYTE, Fault::NoSuchTriangle { field: "target", triangle: self.target, triangles }));
+        let fields = [
+            ("leaves", self.leaves, self.leaves_instance, LEAVES_BYTE, LEAVES_INSTANCE_BYTE),
+            ("target", self.target, self.target_instance, TARGET_BYTE, TARGET_INSTANCE_BYTE),
+        ];
+        for (field, triangle, instance, byte, instance_byte) in
+            fields.into_iter().filter(|field| field.1 != NO_TRIANGLE)
+        {
+            match instances.triangles(instance) {
+                None => {
+                    let instances = instances.count();
+                    return Some((instance_byte, Fault::NoSuchInstance { field, instance, instances }));
+                }
+                Some(triangles) if triangle >= triangles => {
+                    let fault = match instance {
+                        WORLD_INSTANCE => Fault::NoSuchTriangle { field, triangle, triangles },
+                        _ => Fault::NoSuchTriangleOfInstance { field, triangle, triangles },
+                    };
+                    return Some((byte, fault));
+                }
+                Some(_) => {}
+            }
         }
         (class != RayClass::Shadow && self.target != NO_TRIANGLE).then_some((TARGET_BYTE, Fault::Target))
     }
@@ -78,6 +99,35 @@ impl RayRecord {
 const LEAVES_BYTE: u64 = std::mem::offset_of!(RayRecord, leaves) as u64;
 const DIRECTION_BYTE: u64 = std::mem::offset_of!(RayRecord, direction) as u64;
 const TARGET_BYTE: u64 = std::mem::offset_of!(RayRecord, target) as u64;
+
+const LEAVES_INSTANCE_BYTE: u64 = std::mem::offset_of!(RayRecord, leaves_instance) as u64;
+const TARGET_INSTANCE_BYTE: u64 = std::mem::offset_of!(RayRecord, target_instance) as u64;
+
+/// How many triangles the instances of a scene have.
+struct Instances {
+    /// For each run of instances of as many triangles: the number of the first instance after it, and the triangles.
+    runs: Vec<(u64, u32)>,
+}
+
+impl Instances {
+    fn of(scene: &RayScene) -> Self {
+        let mut end = 1;
+        let placed = scene.placed.iter().map(|[triangles, placements]| {
+            end += u64::from(*placements);
+            (end, *triangles)
+        });
+        Self { runs: [(1, scene.triangles)].into_iter().chain(placed).collect() }
+    }
+
+    fn count(&self) -> u64 {
+        self.runs.last().map_or(0, |(end, _)| *end)
+    }
+
+    fn triangles(&self, instance: u32) -> Option<u32> {
+        let run = self.runs.partition_point(|(end, _)| *end <= u64::from(instance));
+        self.runs.get(run).map(|(_, triangles)| *triangles)
+    }
+}
 
 /// What rays are for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -119,8 +169,11 @@ pub struct RayScene {
     pub scene: String,
     /// BLAKE3 of the scene's files, lower-case hex.
     pub scene_hash: String,
-    /// Triangles of the scene.
+    /// Triangles of the scene but for those of meshes that are placed more than once.
     pub triangles: u32,
+    /// Of each mesh that is placed more than once, its triangles and its placements.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub placed: Vec<[u32; 2]>,
     /// world = normalised / scale + centre, world units.
     pub centre: [f64; 3],
     /// A power of two.
@@ -168,6 +221,27 @@ pub struct Metadata {
     pub record: RecordLayout,
 }
 
+/// Version of the format: 2 is of scenes that place meshes more than once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Version {
+    One,
+    Two,
+}
+
+impl Version {
+    fn of(scene: &RayScene) -> Self {
+        if scene.placed.is_empty() { Self::One } else { Self::Two }
+    }
+
+    /// Bytes of a record, from the start of a [`RayRecord`].
+    fn record_bytes(self) -> usize {
+        match self {
+            Self::One => LEAVES_INSTANCE_BYTE as usize,
+            Self::Two => size_of::<RayRecord>(),
+        }
+    }
+}
+
 /// Layout of a record, in the form that `numpy.dtype` takes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RecordLayout {
@@ -182,13 +256,23 @@ pub struct RecordLayout {
 }
 
 impl RecordLayout {
-    /// The layout of a [`RayRecord`], the only one that can be read.
-    pub fn of_rays() -> Self {
+    /// The layout of a [`RayRecord`] of a scene, the only one that can be read.
+    pub fn of_rays(scene: &RayScene) -> Self {
+        let fields = [
+            ("origin", "3<f4", 0),
+            ("leaves", "<u4", LEAVES_BYTE),
+            ("direction", "3<f4", DIRECTION_BYTE),
+            ("target", "<u4", TARGET_BYTE),
+            ("leaves_instance", "<u4", LEAVES_INSTANCE_BYTE),
+            ("target_instance", "<u4", TARGET_INSTANCE_BYTE),
+        ];
+        let version = Version::of(scene);
+        let fields = &fields[..if version == Version::One { 4 } else { fields.len() }];
         Self {
-            names: ["origin", "leaves", "direction", "target"].map(String::from).to_vec(),
-            formats: ["3<f4", "<u4", "3<f4", "<u4"].map(String::from).to_vec(),
-            offsets: vec![0, LEAVES_BYTE, DIRECTION_BYTE, TARGET_BYTE],
-            itemsize: size_of::<RayRecord>() as u64,
+            names: fields.iter().map(|(name, ..)| (*name).to_owned()).collect(),
+            formats: fields.iter().map(|(_, format, _)| (*format).to_owned()).collect(),
+            offsets: fields.iter().map(|(.., offset)| *offset).collect(),
+            itemsize: version.record_bytes() as u64,
         }
     }
 }

@@ -27,7 +27,8 @@ pub fn scene_buffers<'a>(
 }
 
 /// Buffers with a record for each path in flight, or of stacks for each invocation: bytes of a record.
-pub(super) fn path_records(sort: Sort, needs: &Needs) -> [(&'static str, u64); 11] {
+pub(super) fn path_records(sort: Sort, needs: &Needs) -> [(&'static str, u64); 14] {
+    let if_two_levels = |bytes| if needs.two_levels { bytes } else { 0 };
     [
         // Two halves, but for paths that go on nowhere.
         (buffers::RAY_QUEUE, if needs.scatters { 8 } else { 4 }),
@@ -39,6 +40,9 @@ pub(super) fn path_records(sort: Sort, needs: &Needs) -> [(&'static str, u64); 1
         (buffers::SHADOW_ORIGINS, 16),
         (buffers::SHADOW_DIRECTIONS, 16),
         (buffers::SHADOW_RADIANCES, 16),
+        (buffers::RAY_INSTANCES, if_two_levels(4)),
+        (buffers::HIT_INSTANCES, if_two_levels(4)),
+        (buffers::SHADOW_INSTANCES, if_two_levels(8)),
         (buffers::STACK_BLOCKS, needs.stack_bytes(1)),
         (buffers::SORTED_RAYS, if sort == Sort::None { 0 } else { 4 }),
     ]

@@ -10,7 +10,8 @@ use super::plan::SceneLevels;
 use crate::bvh::{BvhKind, MAX_LISTED};
 use crate::facts::{self, Facts};
 use crate::gpu::{Device, GpuError};
-use crate::settings::{Fetch, Packets, Scheduler, Settings, ShadowRays, Sort};
+use crate::scene::Scene;
+use crate::settings::{Fetch, Instances, Packets, Scheduler, Settings, ShadowRays, Sort};
 use crate::shaders::{Access, Form, Forms};
 
 /// What the defaults of a device hang on.
@@ -52,6 +53,8 @@ pub struct Choices {
     pub scheduler: Scheduler,
     /// Shape of the BVH.
     pub bvh: BvhKind,
+    /// How meshes lie in memory that are placed more than once.
+    pub instances: Instances,
     /// How kernels read the scene's buffers.
     pub fetch: Fetch,
     /// Classes of rays that are traced in packets.
@@ -68,6 +71,7 @@ impl Choices {
         Settings {
             scheduler: Some(self.scheduler),
             bvh: Some(self.bvh),
+            instances: Some(self.instances),
             fetch: Some(self.fetch),
             packets: Some(self.packets),
             workgroup_size: Some(self.workgroup_size),
@@ -183,6 +187,7 @@ impl Defaults {
         Choices {
             scheduler,
             bvh,
+            instances: if levels.two_levels { Instances::TwoLevel } else { Instances::Flatten },
             fetch: self.fetch(settings),
             packets: packets.unwrap_or_default(),
             workgroup_size: settings.workgroup_size.or(workgroup).unwrap_or(Self::WORKGROUP),
@@ -229,6 +234,21 @@ impl Defaults {
         self.safe_paths_per_invocation(settings, levels) >= Self::MANY_FOLLOWED
             && paths >= Self::MANY_PATHS
             && !asks_for_queues
+    }
+
+    /// The shape of a scene's BVH, and how meshes lie in memory that are placed more than once.
+    pub fn tree(&self, settings: &Settings, scene: &Scene) -> (BvhKind, Instances) {
+        let instances = match settings.instances {
+            _ if scene.placed.is_empty() => Instances::Flatten,
+            Some(instances) => instances,
+            None if settings.bvh.is_some_and(|bvh| bvh != BvhKind::Bvh2) => Instances::Flatten,
+            None => pays(scene.mesh.triangles.len() as u64, &scene.placed_counts()),
+        };
+        let bvh = match instances {
+            Instances::Flatten => self.bvh(settings, scene.triangle_count() as usize),
+            Instances::TwoLevel => settings.bvh.unwrap_or(BvhKind::Bvh2),
+        };
+        (bvh, instances)
     }
 
     /// The shape of the BVH of this many triangles. A list is the fastest as long as it is short. Else it is two-wide on
@@ -281,6 +301,29 @@ impl Defaults {
     }
 }
 
+/// How meshes lie in memory that are placed more than once: by the triangles of each, and how often it is placed, in a scene
+/// with that many other triangles. A tree of two levels takes more time a ray, so it must save a lot.
+fn pays(others: u64, placed: &[[u32; 2]]) -> Instances {
+    /// Bytes of a triangle and its share of nodes, about.
+    const TRIANGLE_BYTES: u64 = 80;
+    /// Bytes of a mesh in its place, and of a node above it.
+    const INSTANCE_BYTES: u64 = 160 + 64;
+    /// Bytes that any device has.
+    const AFFORDABLE_BYTES: u64 = 256 << 20;
+    /// How many times the bytes of two levels flattened triangles may take.
+    const WORTHWHILE: u64 = 4;
+    let (mut flattened, mut two_level) = (others * TRIANGLE_BYTES, others * TRIANGLE_BYTES);
+    for &[triangles, placements] in placed {
+        let (triangles, placements) = (u64::from(triangles) * TRIANGLE_BYTES, u64::from(placements));
+        flattened = flattened.saturating_add(triangles.saturating_mul(placements));
+        two_level += triangles + placements * INSTANCE_BYTES;
+    }
+    match flattened > AFFORDABLE_BYTES && flattened / WORTHWHILE > two_level {
+        true => Instances::TwoLevel,
+        false => Instances::Flatten,
+    }
+}
+
 #[cfg(test)]
 impl Defaults {
     /// Of software with eight lanes, whose loops have a limit.
@@ -306,8 +349,8 @@ mod tests {
     const UNLIMITED: Defaults = Defaults { loop_turns: None, ..LIMITED };
     const NARROW: Defaults = Defaults { lanes: 4, ..UNLIMITED };
 
-    const TREE: SceneLevels = SceneLevels { bvh: 12, bvh_tests: 0, sky: 0 };
-    const LIST: SceneLevels = SceneLevels { bvh: 0, bvh_tests: 0, sky: 0 };
+    const TREE: SceneLevels = SceneLevels { bvh: 12, bvh_tests: 0, sky: 0, two_levels: false };
+    const LIST: SceneLevels = SceneLevels { bvh: 0, ..TREE };
 
     fn few() -> Settings {
         Settings { width: 64, height: 64, samples: 4, ..Scene::cornell_box().settings }
@@ -408,6 +451,19 @@ mod tests {
         let single = Defaults { tuned: Some(Tuned { packets: Packets::default(), ..tuned }), ..LIMITED };
         assert_eq!(single.scheduler(&many(), TREE), Scheduler::Megakernel);
         assert_eq!(LIMITED.with(Some(tuned)).scheduler(&many(), TREE), Scheduler::Bounce);
+    }
+
+    #[test]
+    fn meshes_stay_placed_where_flattening_would_not_pay() {
+        // A mesh of 100,000 triangles: 31 placements take 248 MB, 34 take 272 MB and more than 256 MiB.
+        let by = |placements| pays(12, &[[100_000, placements]]);
+        assert_eq!([2, 33, 34, 100_000].map(by)[..2], [Instances::Flatten; 2]);
+        assert_eq!([34, 100_000].map(by), [Instances::TwoLevel; 2]);
+        // 10^7 placements of two triangles are no more than their instances.
+        assert_eq!(pays(0, &[[2, 10_000_000]]), Instances::Flatten);
+        // What else there is counts on both sides.
+        assert_eq!(pays(10_000_000, &[[100_000, 34]]), Instances::Flatten);
+        assert_eq!(pays(0, &[[u32::MAX, u32::MAX]]), Instances::TwoLevel);
     }
 
     #[test]

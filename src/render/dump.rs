@@ -4,10 +4,11 @@ use rayon::prelude::*;
 
 use super::error::RenderError;
 use super::plan::{SampleRange, Taken};
-use super::prepare::PreparedScene;
+use super::prepare::{PreparedScene, TriangleName};
 use super::schedule::Work;
 use super::session::Session;
-use crate::constants::NO_TRIANGLE;
+use crate::bvh::Primitive;
+use crate::constants::{NO_TRIANGLE, WORLD_INSTANCE};
 use crate::gpu::GpuError;
 use crate::rays::{RayClass, RayOrder, RayRecord};
 use crate::recording::Recording;
@@ -95,18 +96,33 @@ impl Session {
         let origins: Vec<[u32; 4]> = self.read(origins, self.plan.path_capacity)?;
         let directions: Vec<[u32; 4]> = self.read(directions, self.plan.path_capacity)?;
         let halves = !shadow && self.settings.path_state == PathState::F16;
-        let original = |place: u32| match place {
-            NO_TRIANGLE => NO_TRIANGLE,
-            place => scene.triangles[place as usize].original,
+        let has_two_levels = scene.bvh.has_two_levels();
+        // Instances of what rays leave and aim at, by place.
+        let instances: Vec<[u32; 2]> = match (has_two_levels, shadow) {
+            (false, _) => Vec::new(),
+            (true, true) => self.read(buffers::SHADOW_INSTANCES, self.plan.path_capacity)?,
+            (true, false) => {
+                let leaves: Vec<u32> = self.read(buffers::RAY_INSTANCES, self.plan.path_capacity)?;
+                leaves.into_iter().map(|instance| [instance, NO_TRIANGLE]).collect()
+            }
+        };
+        let name = |triangle: u32, instance: u32| match triangle {
+            NO_TRIANGLE => TriangleName { instance: WORLD_INSTANCE, triangle },
+            triangle => scene.name_of(Primitive { triangle, instance }),
         };
         let record = |&(_, place): &(u32, u32)| {
             let ([x, y, z, leaves], [u, v, w, target]) = (origins[place as usize], directions[place as usize]);
+            let [of_leaves, of_target] = instances.get(place as usize).copied().unwrap_or([WORLD_INSTANCE; 2]);
+            // Other rays keep there whether light that they find counts.
+            let target = if shadow { target } else { NO_TRIANGLE };
+            let [leaves, target] = [name(leaves, of_leaves), name(target, of_target)];
             RayRecord {
                 origin: [x, y, z].map(f32::from_bits),
-                leaves: original(leaves),
+                leaves: leaves.triangle,
                 direction: if halves { decode_direction([u, v]) } else { [u, v, w].map(f32::from_bits) },
-                // Other rays keep there whether light that they find counts.
-                target: if shadow { original(target) } else { NO_TRIANGLE },
+                target: target.triangle,
+                leaves_instance: leaves.instance,
+                target_instance: target.instance,
             }
         };
         let mut rays: Vec<_> = places.par_iter().map(record).collect();

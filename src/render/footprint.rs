@@ -167,7 +167,8 @@ pub fn feature_costs(scene: &PreparedScene, settings: &Settings, defaults: &Defa
     let settings = Settings { specialize: true, ..*settings };
     let needs = scene.needs(&settings);
     let footprint = |subject: &Subject| {
-        let needs = Needs::of(subject.needs.features, &subject.settings, subject.needs.stack_size);
+        let needs =
+            Needs::of(subject.needs.features, &subject.settings, subject.needs.stack_size, subject.needs.two_levels);
         Footprint::with(scene, &subject.settings, &needs, defaults)
     };
     let own = footprint(&Subject { settings, needs });

@@ -34,7 +34,9 @@ pub use faults::{Fault, find_faults};
 pub use footprint::{FeatureCost, Footprint, feature_costs};
 pub use kept::Kept;
 pub use plan::{Band, Plan, SampleRange, SceneLevels, Tile};
-pub use prepare::{FeatureFlag, Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer};
+pub use prepare::{
+    FeatureFlag, Features, Needs, Normalisation, PrepareError, PreparedScene, SceneBuffer, TriangleName,
+};
 pub use renderer::Renderer;
 pub use replay::{FrozenRays, Replay, ReplayOutcome, distances};
 pub use session::{Ending, Progress, Session, SessionOptions};

@@ -26,6 +26,8 @@ pub struct SceneLevels {
     pub bvh_tests: u32,
     /// Of the halves that a texel of the environment is found by; 0 without an image.
     pub sky: u32,
+    /// Whether the BVH has two: a tree over meshes in their places, and one of each mesh.
+    pub two_levels: bool,
 }
 
 /// What a plan must know of a scene.
@@ -307,8 +309,11 @@ mod tests {
     use crate::settings::Sampler;
     use proptest::prelude::*;
 
-    const SCENE: SceneDemands =
-        SceneDemands { levels: SceneLevels { bvh: 8, bvh_tests: 0, sky: 0 }, stack_bytes: 0, state_bytes: 0 };
+    const SCENE: SceneDemands = SceneDemands {
+        levels: SceneLevels { bvh: 8, bvh_tests: 0, sky: 0, two_levels: false },
+        stack_bytes: 0,
+        state_bytes: 0,
+    };
 
     const DEVICE: DeviceLimits = DeviceLimits {
         max_workgroup_size: 1024,

@@ -13,12 +13,12 @@ use rayon::prelude::*;
 use super::dump::ray_buffers;
 use super::error::RenderError;
 use super::plan::{Plan, SampleRange};
-use super::prepare::PreparedScene;
+use super::prepare::{PreparedScene, TriangleName};
 use super::schedule::{connect_kernel, extend_kernel};
 use super::session::{SessionOptions, limits, open_executor};
 use super::warm_up::{WarmUp, Warmth};
-use crate::bvh::{Hit, Ray, trace_any, trace_closest};
-use crate::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND};
+use crate::bvh::{Hit, Primitive, Ray, trace_any, trace_closest};
+use crate::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND, WORLD_INSTANCE};
 use crate::gpu::{Device, DeviceKind, Executor, GpuError};
 use crate::layout::{Control, WorkCount};
 use crate::rays::{RayClass, RayRecord};
@@ -26,7 +26,7 @@ use crate::recording::Recording;
 use crate::settings::{Offsets, PathState, Settings};
 use crate::shaders::{Kernel, buffers};
 
-/// Bytes of half a ray, and of an answer.
+/// Bytes of half a ray, and of an answer without its instance.
 const RECORD_BYTES: usize = 16;
 /// Most rays of a dump that are traced on the CPU too.
 const CHECKED_RAYS: usize = 1 << 16;
@@ -55,14 +55,15 @@ pub struct FrozenRays<'a> {
 impl<'a> FrozenRays<'a> {
     /// Of one ray at least.
     pub fn new(scene: &'a PreparedScene, class: RayClass, rays: &'a [RayRecord]) -> Self {
-        Self { scene, class, rays, places: places(scene), expected: OnceLock::new() }
+        Self { scene, class, rays, places: scene.places(), expected: OnceLock::new() }
     }
 
     fn expected(&self) -> &[(u64, Answer)] {
         self.expected.get_or_init(|| {
             let checked = self.rays.len().min(CHECKED_RAYS);
             let numbers = (0..checked).into_par_iter().map(|i| i * self.rays.len() / checked);
-            let find = |number| on_cpu(self.scene, self.class, &in_leaf_order(&self.places, &self.rays[number]));
+            let find =
+                |number| on_cpu(self.scene, self.class, &in_leaf_order(self.scene, &self.places, &self.rays[number]));
             numbers.map(|number| (number as u64, find(number))).collect()
         })
     }
@@ -257,7 +258,8 @@ impl<'a> Replay<'a> {
             self.launch(rays_of(&part), 1)?;
             self.read_answers(rays_of(&part), &mut found)?;
             let (class, kernel) = (self.frozen.class, self.kernel.name);
-            let answer = |at: usize| Answer::of(class, &found[at]);
+            let instances = self.read_instances(rays_of(&part))?;
+            let answer = |at: usize| Answer::of(class, &found[at]).of_instance(instances.get(at));
             let judged = judge(found.len(), answer, expected, part.start, rays);
             judged.map_err(|(ray, found, expected)| RenderError::WrongAnswer {
                 ray,
@@ -334,7 +336,7 @@ impl<'a> Replay<'a> {
     fn load(&mut self, part: &Range<u64>) -> Result<(), GpuError> {
         if self.loaded.as_ref() != Some(part) {
             self.loaded = None;
-            let FrozenRays { class, rays, places, .. } = &*self.frozen;
+            let FrozenRays { scene, class, rays, places, .. } = &*self.frozen;
             for (half, buffer) in ray_buffers(*class).into_iter().enumerate() {
                 self.executor.fill(buffer, u64::from(rays_of(part)) * RECORD_BYTES as u64, |offset, bytes| {
                     let first = (part.start + offset / RECORD_BYTES as u64) as usize;
@@ -342,12 +344,22 @@ impl<'a> Replay<'a> {
                     slots.par_chunks_mut(PACKED).enumerate().for_each(|(i, slots)| {
                         let mut at = (first + i * PACKED) % rays.len();
                         for slot in slots {
-                            let halves: [[u32; 4]; 2] = bytemuck::cast(in_leaf_order(places, &rays[at]));
-                            *slot = halves[half];
+                            *slot = halves(&in_leaf_order(scene, places, &rays[at]))[half];
                             at = if at + 1 == rays.len() { 0 } else { at + 1 };
                         }
                     });
                 })?;
+            }
+            if scene.bvh.has_two_levels() {
+                let at = |number: u64| &rays[(number % rays.len() as u64) as usize];
+                let records = part.clone().map(|number| in_leaf_order(scene, places, at(number)));
+                let words: Vec<[u32; 2]> = records.map(|ray| [ray.leaves_instance, ray.target_instance]).collect();
+                let leaves: Vec<u32> = words.iter().map(|[leaves, _]| *leaves).collect();
+                let (buffer, bytes): (_, &[u8]) = match class {
+                    RayClass::Shadow => (buffers::SHADOW_INSTANCES, bytemuck::cast_slice(&words)),
+                    RayClass::Camera | RayClass::Bounce => (buffers::RAY_INSTANCES, bytemuck::cast_slice(&leaves)),
+                };
+                self.executor.run(Recording::default().upload(buffer, bytes))?;
             }
             let count = rays_of(part);
             let none: Control = bytemuck::Zeroable::zeroed();
@@ -426,6 +438,17 @@ impl<'a> Replay<'a> {
         self.executor.run_seen(&recording, |_, _, part| words.extend_from_slice(bytemuck::cast_slice(part)))
     }
 
+    /// Reads the instances of the hits in the slots; there are none where a scene has none, or of shadow rays.
+    fn read_instances(&mut self, count: u32) -> Result<Vec<u32>, GpuError> {
+        let mut instances = Vec::new();
+        if self.frozen.scene.bvh.has_two_levels() && self.frozen.class != RayClass::Shadow {
+            let mut recording = Recording::default();
+            recording.download_first(buffers::HIT_INSTANCES, u64::from(count) * 4);
+            self.executor.run_seen(&recording, |_, _, part| instances.extend_from_slice(bytemuck::cast_slice(part)))?;
+        }
+        Ok(instances)
+    }
+
     /// The first of the answers in the slots that is another than it was, and what it is now.
     fn first_change(&mut self, before: &[[u32; 4]]) -> Result<Option<(usize, Answer)>, GpuError> {
         let (class, bytes) = (self.frozen.class, size_of_val(before) as u64);
@@ -450,9 +473,20 @@ impl<'a> Replay<'a> {
     fn describe(&self, answer: &Answer) -> String {
         match answer {
             Answer::Nearest(None) => "no hit".to_owned(),
-            Answer::Nearest(Some(Hit { triangle, barycentrics: [u, v], distance })) => {
-                let original = self.frozen.scene.triangles.get(*triangle as usize).map_or(*triangle, |t| t.original);
-                format!("triangle {original} at distance {distance:?}, barycentrics {u:?} {v:?}")
+            Answer::Nearest(Some(Hit { triangle, instance, barycentrics: [u, v], distance })) => {
+                let scene = self.frozen.scene;
+                let is_there = (*triangle as usize) < scene.triangles.len()
+                    && (*instance as usize) < scene.bvh.instances.len().max(1);
+                let name = match is_there {
+                    true => scene.name_of(Primitive { triangle: *triangle, instance: *instance }),
+                    false => TriangleName { triangle: *triangle, instance: *instance },
+                };
+                let of = if name.instance == WORLD_INSTANCE {
+                    String::new()
+                } else {
+                    format!(" of instance {}", name.instance)
+                };
+                format!("triangle {}{of} at distance {distance:?}, barycentrics {u:?} {v:?}", name.triangle)
             }
             Answer::Blocked(true) => "it blocked".to_owned(),
             Answer::Blocked(false) => "it free".to_owned(),
@@ -471,8 +505,8 @@ pub fn distances(scene: &PreparedScene, class: RayClass, rays: &[RayRecord]) -> 
         Answer::Blocked(true) => 0.0,
         Answer::Nearest(None) | Answer::Blocked(false) => f32::INFINITY,
     };
-    let places = places(scene);
-    rays.par_iter().map(|ray| distance(&in_leaf_order(&places, ray))).collect()
+    let places = scene.places();
+    rays.par_iter().map(|ray| distance(&in_leaf_order(scene, &places, ray))).collect()
 }
 
 /// How many rays a part has, which is no more than a device has slots.
@@ -480,31 +514,38 @@ fn rays_of(part: &Range<u64>) -> u32 {
     (part.end - part.start) as u32
 }
 
-/// The place in leaf order, which the kernels know, of every triangle of the scene.
-fn places(scene: &PreparedScene) -> Vec<u32> {
-    let mut places = vec![0; scene.triangles.len()];
-    for (triangle, place) in scene.triangles.iter().zip(0..) {
-        places[triangle.original as usize] = place;
-    }
-    places
+/// A ray with triangles by their places in leaf order, and instances as kernels have them.
+fn in_leaf_order(scene: &PreparedScene, places: &[u32], ray: &RayRecord) -> RayRecord {
+    let place = |triangle: u32, instance: u32| match triangle {
+        NO_TRIANGLE => (NO_TRIANGLE, NO_TRIANGLE),
+        triangle => {
+            let (number, instance) = scene.number_of(TriangleName { instance, triangle });
+            (places[number as usize], instance)
+        }
+    };
+    let (leaves, leaves_instance) = place(ray.leaves, ray.leaves_instance);
+    let (target, target_instance) = place(ray.target, ray.target_instance);
+    RayRecord { leaves, target, leaves_instance, target_instance, ..*ray }
 }
 
-/// A ray with triangles by their places in leaf order.
-fn in_leaf_order(places: &[u32], ray: &RayRecord) -> RayRecord {
-    let place = |original: u32| if original == NO_TRIANGLE { NO_TRIANGLE } else { places[original as usize] };
-    RayRecord { leaves: place(ray.leaves), target: place(ray.target), ..*ray }
+/// The two halves of a ray in the buffers of rays.
+fn halves(ray: &RayRecord) -> [[u32; 4]; 2] {
+    let half = |[x, y, z]: [f32; 3], triangle: u32| [x.to_bits(), y.to_bits(), z.to_bits(), triangle];
+    [half(ray.origin, ray.leaves), half(ray.direction, ray.target)]
 }
 
 /// What the CPU finds of a ray with triangles in leaf order.
 fn on_cpu(scene: &PreparedScene, class: RayClass, record: &RayRecord) -> Answer {
     let (bvh, triangles) = (&scene.bvh, &scene.triangles);
-    let RayRecord { origin, leaves, direction, target } = *record;
+    let RayRecord { origin, leaves, direction, target, leaves_instance, target_instance } = *record;
+    let leaves = Primitive { triangle: leaves, instance: leaves_instance };
     let ray = Ray { origin: origin.into(), direction: direction.into(), leaves };
     match class {
         RayClass::Camera | RayClass::Bounce => Answer::Nearest(trace_closest(bvh, triangles, &ray)),
         RayClass::Shadow => {
             // As `shadow_limit` of `path.glsl`: up to the lamp, or for ever.
             let limit = if target == NO_TRIANGLE { f32::MAX } else { 1.0 };
+            let target = Primitive { triangle: target, instance: target_instance };
             Answer::Blocked(trace_any(bvh, triangles, &ray, target, limit))
         }
     }
@@ -537,8 +578,16 @@ impl Answer {
             RayClass::Camera | RayClass::Bounce if *x == NO_TRIANGLE => Self::Nearest(None),
             RayClass::Camera | RayClass::Bounce => {
                 let [u, v, distance] = [*y, *z, *w].map(f32::from_bits);
-                Self::Nearest(Some(Hit { triangle: *x, barycentrics: [u, v], distance }))
+                Self::Nearest(Some(Hit { triangle: *x, instance: WORLD_INSTANCE, barycentrics: [u, v], distance }))
             }
+        }
+    }
+
+    /// The same where a kernel wrote an instance too.
+    fn of_instance(self, instance: Option<&u32>) -> Self {
+        match (self, instance) {
+            (Self::Nearest(Some(hit)), Some(&instance)) => Self::Nearest(Some(Hit { instance, ..hit })),
+            _ => self,
         }
     }
 
@@ -549,8 +598,10 @@ impl Answer {
 
     /// Whether they agree to the last bit.
     fn is_same(&self, other: &Self) -> bool {
-        let bits =
-            |hit: &Hit| [hit.triangle, hit.distance.to_bits()].into_iter().chain(hit.barycentrics.map(f32::to_bits));
+        let bits = |hit: &Hit| {
+            let numbers = [hit.triangle, hit.instance, hit.distance.to_bits()];
+            numbers.into_iter().chain(hit.barycentrics.map(f32::to_bits))
+        };
         match (self, other) {
             (Self::Nearest(Some(a)), Self::Nearest(Some(b))) => bits(a).eq(bits(b)),
             (Self::Nearest(a), Self::Nearest(b)) => a.is_none() && b.is_none(),
@@ -590,7 +641,7 @@ mod tests {
     use super::*;
 
     fn hit(triangle: u32, distance: f32) -> Answer {
-        Answer::Nearest(Some(Hit { triangle, barycentrics: [0.25, 0.5], distance }))
+        Answer::Nearest(Some(Hit { triangle, instance: 0, barycentrics: [0.25, 0.5], distance }))
     }
 
     /// The verdict on answers from number 3 on of a round that repeats five rays.
@@ -623,7 +674,12 @@ mod tests {
         assert_eq!(verdict([free, blocked]), Ok(()));
         assert_eq!(verdict([free, free]), Err(1));
         // The last bit counts.
-        let next = Answer::Nearest(Some(Hit { triangle: 8, barycentrics: [0.25, 0.5], distance: 2.0_f32.next_up() }));
+        let next = Answer::Nearest(Some(Hit {
+            triangle: 8,
+            instance: 0,
+            barycentrics: [0.25, 0.5],
+            distance: 2.0_f32.next_up(),
+        }));
         assert!(judge(1, |_| next, &[(0, hit(8, 2.0))], 0, 1).is_err());
     }
 }

@@ -101,6 +101,7 @@ impl SceneBuilder {
             camera: self.camera,
             settings: self.settings,
             mesh: self.mesh,
+            placed: Vec::new(),
             materials: self.materials,
             textures: Vec::new(),
             environment: self.environment,

@@ -1,12 +1,13 @@
 //! Scenes to files: a scene file with its meshes and images beside it.
 
+use std::borrow::Cow;
 use std::collections::{HashMap, HashSet, hash_map::Entry};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use glam::{Affine2, DMat3, Vec2, Vec3};
 
-use super::{Environment, Lookup, Material, NONE, Parameter, Scene, Surface, Triangle, Wrap};
+use super::{Environment, Lookup, Material, Mesh, NONE, Parameter, Scene, Surface, Triangle, Wrap};
 use crate::constants::MAX_BLENDS;
 use crate::image::{Image, ImageError, WriteOptions, image_bytes};
 use crate::settings::Named;
@@ -25,6 +26,8 @@ pub enum MeshFormat {
 #[derive(Debug)]
 pub struct SceneFiles<'a> {
     scene: &'a Scene,
+    /// All of its triangles.
+    mesh: Cow<'a, Mesh>,
     path: PathBuf,
     format: MeshFormat,
     /// The materials that triangles have, with their names in the files.
@@ -36,14 +39,19 @@ pub struct SceneFiles<'a> {
 }
 
 impl<'a> SceneFiles<'a> {
-    /// The files of a scene at `path`, a `.toml`, and beside it.
+    /// The files of a scene at `path`, a `.toml`, and beside it. Meshes that are placed more than once are flattened.
+    ///
+    /// # Panics
+    /// When the scene has more triangles than 32-bit indices reach.
     pub fn new(scene: &'a Scene, path: &Path, format: MeshFormat) -> Self {
         let mut seen = HashSet::new();
-        let used =
-            scene.mesh.triangles.iter().map(|triangle| triangle.material).filter(|material| seen.insert(*material));
+        let mesh = scene.flattened();
+        let used: Vec<u32> =
+            mesh.triangles.iter().map(|triangle| triangle.material).filter(|material| seen.insert(*material)).collect();
         let mut taken = HashSet::new();
         let mut files = Self {
             scene,
+            mesh,
             path: path.to_path_buf(),
             format,
             materials: Vec::new(),
@@ -255,11 +263,11 @@ impl<'a> SceneFiles<'a> {
     /// The triangles of a material by its place among those that are written.
     fn triangles(&self, place: usize) -> impl Iterator<Item = &Triangle> {
         let index = self.materials[place].0;
-        self.scene.mesh.triangles.iter().filter(move |triangle| triangle.material == index)
+        self.mesh.triangles.iter().filter(move |triangle| triangle.material == index)
     }
 
     fn write_obj(&self, file: &mut dyn Write) -> io::Result<()> {
-        let mesh = &self.scene.mesh;
+        let mesh = &self.mesh;
         for point in &mesh.positions {
             writeln!(file, "v {} {} {}", point.x, point.y, point.z)?;
         }
@@ -298,7 +306,7 @@ impl<'a> SceneFiles<'a> {
     }
 
     fn write_ply(&self, place: usize, file: &mut dyn Write) -> io::Result<()> {
-        let mesh = &self.scene.mesh;
+        let mesh = &self.mesh;
         let transform = self.transform(self.described[place]);
         let mut known: HashMap<[u32; 3], u32> = HashMap::new();
         let mut corners: Vec<[u32; 3]> = Vec::new();

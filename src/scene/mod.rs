@@ -28,11 +28,12 @@ mod sources;
 mod text;
 mod transform;
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::settings::Settings;
-use glam::{Affine2, DMat3, DVec3, Vec2, Vec3};
+use glam::{Affine2, BVec3, DAffine3, DMat3, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 pub use builder::SceneBuilder;
@@ -60,8 +61,11 @@ pub struct Scene {
     pub camera: Camera,
     /// What the scene asks of a render: what a scene file may say, and defaults.
     pub settings: Settings,
-    /// All meshes, transformed to world space and merged. Holds at least one triangle.
+    /// Meshes that are placed once, and small ones, transformed to world space and merged. It and `placed` hold at least one
+    /// triangle.
     pub mesh: Mesh,
+    /// Meshes that are placed more than once, in the order of the file.
+    pub placed: Vec<PlacedMesh>,
     /// Materials that `Triangle::material` indexes.
     pub materials: Vec<Material>,
     /// Images that `Material::textures` indexes.
@@ -108,16 +112,72 @@ impl Scene {
         assemble::assemble(import, path, sources)
     }
 
-    /// The lowest and highest corner of the box around all triangles, world units.
+    /// The lowest and highest corner of a box around all triangles, world units. It is the smallest but where many placements
+    /// turn large meshes.
     pub fn bounds(&self) -> (DVec3, DVec3) {
-        self.mesh.bounds()
+        self.placed.iter().map(PlacedMesh::bounds).fold(self.mesh.bounds(), around_both)
+    }
+
+    /// Triangles of the scene: of a mesh as many times as it is placed.
+    pub fn triangle_count(&self) -> u64 {
+        self.mesh.triangles.len() as u64 + self.placed.iter().map(PlacedMesh::triangle_count).sum::<u64>()
+    }
+
+    /// All meshes, each once.
+    pub fn meshes(&self) -> impl Iterator<Item = &Mesh> {
+        [&self.mesh].into_iter().chain(self.placed.iter().map(|placed| &placed.mesh))
+    }
+
+    /// Meshes in their places: how many triangles each has, and how often it is placed.
+    pub fn placed_counts(&self) -> Vec<[u32; 2]> {
+        self.placed
+            .iter()
+            .map(|placed| [placed.mesh.triangles.len(), placed.placements.len()].map(|n| n as u32))
+            .collect()
+    }
+
+    /// All triangles in world space: first those of `mesh`, then those of `placed`, placement by placement.
+    ///
+    /// # Panics
+    /// When they are more than 32-bit indices reach.
+    pub fn flattened(&self) -> Cow<'_, Mesh> {
+        if self.placed.is_empty() {
+            return Cow::Borrowed(&self.mesh);
+        }
+        assert!(self.triangle_count() < u64::from(NONE) / 3, "a scene of so many triangles cannot be flattened");
+        let mut flat = self.mesh.clone();
+        for PlacedMesh { mesh, placements } in &self.placed {
+            let first_uv = flat.uvs.len() as u32;
+            flat.uvs.extend(&mesh.uvs);
+            for placement in placements {
+                let (first, first_normal) = (flat.positions.len() as u32, flat.normals.len() as u32);
+                flat.positions.extend(mesh.positions.iter().map(|point| placement.map.transform_point3(*point)));
+                flat.normals.extend(mesh.normals.iter().map(|normal| placement.normal(*normal)));
+                let moved = |index: u32, first: u32| if index == NONE { NONE } else { first + index };
+                flat.triangles.extend(mesh.triangles.iter().map(|triangle| {
+                    let mut placed = Triangle {
+                        positions: triangle.positions.map(|index| moved(index, first)),
+                        normals: triangle.normals.map(|index| moved(index, first_normal)),
+                        uvs: triangle.uvs.map(|index| moved(index, first_uv)),
+                        material: triangle.material,
+                    };
+                    if placement.is_mirrored {
+                        placed.mirror();
+                    }
+                    placed
+                }));
+            }
+        }
+        Cow::Owned(flat)
     }
 
     /// Whether each material is seen: some triangle has it, or has one of which it is a part.
     pub fn shown_materials(&self) -> Vec<bool> {
         let mut shown = vec![false; self.materials.len()];
         let mut found: Vec<u32> = Vec::new();
-        for triangle in &self.mesh.triangles {
+        for triangle in
+            self.placed.iter().map(|placed| &placed.mesh).chain([&self.mesh]).flat_map(|mesh| &mesh.triangles)
+        {
             if !shown[triangle.material as usize] {
                 shown[triangle.material as usize] = true;
                 found.push(triangle.material);
@@ -184,10 +244,73 @@ impl Mesh {
             let corners = triangle.positions.map(|corner| self.positions[corner as usize]);
             corners.into_iter().fold((low, high), |(low, high), point| (low.min(point), high.max(point)))
         };
-        let both = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
-        let (low, high) = self.triangles.par_iter().fold(|| empty, around).reduce(|| empty, both);
+        let (low, high) = self.triangles.par_iter().fold(|| empty, around).reduce(|| empty, around_both);
         // Which of two zeros is least is left to chance.
         (low + DVec3::ZERO, high + DVec3::ZERO)
+    }
+}
+
+/// The box around two boxes.
+fn around_both(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
+    (a.0.min(b.0), a.1.max(b.1))
+}
+
+/// A mesh that the scene places more than once.
+#[derive(Debug, Clone)]
+pub struct PlacedMesh {
+    /// The mesh, in its own coordinates.
+    pub mesh: Mesh,
+    /// Where it is.
+    pub placements: Vec<Placement>,
+}
+
+impl PlacedMesh {
+    /// Triangles of all placements.
+    fn triangle_count(&self) -> u64 {
+        self.mesh.triangles.len() as u64 * self.placements.len() as u64
+    }
+
+    /// A box around all placements: the smallest where that takes few transforms, else of the corners of the mesh's box.
+    fn bounds(&self) -> (DVec3, DVec3) {
+        const MOST_TRANSFORMS: usize = 1 << 24;
+        let (low, high) = self.mesh.bounds();
+        let corners: Vec<DVec3> = match self.mesh.triangles.len().saturating_mul(self.placements.len()) {
+            ..MOST_TRANSFORMS => {
+                let corners = self.mesh.triangles.iter().flat_map(|triangle| triangle.positions);
+                corners.map(|corner| self.mesh.positions[corner as usize]).collect()
+            }
+            _ => (0..8)
+                .map(|corner| DVec3::select(BVec3::new(corner & 1 != 0, corner & 2 != 0, corner & 4 != 0), low, high))
+                .collect(),
+        };
+        let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let around = |placement: &Placement| {
+            let points = corners.iter().map(|corner| placement.map.transform_point3(*corner));
+            points.fold(empty, |(low, high), point| (low.min(point), high.max(point)))
+        };
+        self.placements.par_iter().map(around).reduce(|| empty, around_both)
+    }
+}
+
+/// Where a mesh is placed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placement {
+    /// From the mesh's own coordinates to the world's. It can be inverted.
+    pub map: DAffine3,
+    /// Whether the second and third corners of its triangles change places, so that a map that mirrors them keeps their
+    /// fronts.
+    pub is_mirrored: bool,
+}
+
+impl Placement {
+    /// What takes normals of the mesh to the world, to any length.
+    pub fn of_normals(&self) -> DMat3 {
+        transform::cofactors(self.map.matrix3)
+    }
+
+    /// A unit normal of the mesh in the world.
+    fn normal(&self, normal: Vec3) -> Vec3 {
+        (self.of_normals() * normal.as_dvec3()).normalize().as_vec3()
     }
 }
 
@@ -202,6 +325,15 @@ pub struct Triangle {
     pub uvs: [u32; 3],
     /// Index into `Scene::materials`.
     pub material: u32,
+}
+
+impl Triangle {
+    /// Turns it over: its second and third corners change places.
+    fn mirror(&mut self) {
+        self.positions.swap(1, 2);
+        self.normals.swap(1, 2);
+        self.uvs.swap(1, 2);
+    }
 }
 
 /// Microfacets of a smaller roughness than this are those of a smooth surface: their lobe is as narrow as the rounding of a

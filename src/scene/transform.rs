@@ -42,7 +42,8 @@ impl Transform {
         if is_identity { *self } else { Self::affine(self.map() * inner.map()) }
     }
 
-    fn map(&self) -> DAffine3 {
+    /// The same as one map.
+    pub fn map(&self) -> DAffine3 {
         DAffine3 { matrix3: self.linear * DMat3::from_diagonal(self.scale), translation: self.translation }
     }
 

@@ -9,8 +9,8 @@ use std::str::FromStr;
 use serde_json::Map;
 
 use super::{
-    Fetch, Filter, Integrator, MAX_MATERIAL_BRANCHES, Name, Named, Numerics, Offsets, Packets, PathState, RouletteMode,
-    Sampler, Scheduler, Settings, ShadowRays, Sort,
+    Fetch, Filter, Instances, Integrator, MAX_MATERIAL_BRANCHES, Name, Named, Numerics, Offsets, Packets, PathState,
+    RouletteMode, Sampler, Scheduler, Settings, ShadowRays, Sort,
 };
 use crate::bvh::BvhKind;
 
@@ -570,6 +570,16 @@ pub static SETTINGS: &[Setting] = &[
         meaning: "shape of the BVH",
         levels: &["bvh2", "bvh4", "cwbvh"],
         knob: Some(Knob { exact: None, values: |_, _| ["bvh2", "bvh4", "cwbvh"].map(str::to_owned).to_vec() }),
+    },
+    chosen_or_auto! {
+        instances: Instances,
+        flag: "instances",
+        key: "instances",
+        help: "How meshes lie in memory that are placed more than once; it changes speed and memory, not the image",
+        otherwise: "`two-level` where the triangles of all placements would take more than 256 MiB, and more than four \
+                    times what they take in two levels, unless `--bvh` is another than `bvh2`; else `flatten`",
+        meaning: "how placed meshes lie in memory",
+        levels: &["flatten", "two-level"],
     },
     chosen_or_auto! {
         fetch: Fetch,

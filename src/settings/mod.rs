@@ -14,8 +14,8 @@ use thiserror::Error;
 
 pub use catalogue::{Knob, Role, SETTINGS, Setting, Value, Values, flags, parse_count, record};
 pub use names::{
-    Fetch, Filter, Integrator, Name, Named, Numerics, Offsets, PathState, RouletteMode, Sampler, Scheduler, ShadowRays,
-    Sort,
+    Fetch, Filter, Instances, Integrator, Name, Named, Numerics, Offsets, PathState, RouletteMode, Sampler, Scheduler,
+    ShadowRays, Sort,
 };
 pub use packets::Packets;
 pub use quality::Quality;
@@ -97,6 +97,8 @@ pub struct Settings {
     pub material_branches: u32,
     /// The shape of the BVH; `None` leaves it to the device.
     pub bvh: Option<BvhKind>,
+    /// How meshes lie in memory that are placed more than once; `None` leaves it to the scene.
+    pub instances: Option<Instances>,
     /// The order in which the wavefront shades.
     pub sort: Sort,
     /// When the bounce scheduler traces the rays to lights.
@@ -145,6 +147,7 @@ impl Default for Settings {
             shading_cost: 0,
             material_branches: 1,
             bvh: None,
+            instances: None,
             sort: Sort::None,
             shadow_rays: ShadowRays::Deferred,
             packets: None,

@@ -128,6 +128,14 @@ named! {
         Megakernel,
     }
 
+    /// How meshes lie in memory that are placed more than once.
+    pub enum Instances {
+        /// Each placement has triangles of its own, in one tree.
+        Flatten,
+        /// A mesh is there once, under a tree over the placements of all; `bvh2` only.
+        TwoLevel,
+    }
+
     /// How kernels read the scene's buffers.
     pub enum Fetch {
         /// As texel buffers, where the device's can hold the scene.

@@ -4,7 +4,7 @@ use crate::meshes::{ball, cuboid, soup};
 use crate::probe::Uniform;
 use glam::{DMat3, DVec3, EulerRot, Vec3};
 use proptest::prelude::*;
-use raywave::bvh::{Bvh, BvhKind, Ray, trace_any, trace_closest};
+use raywave::bvh::{Bvh, BvhKind, Primitive, Ray, trace_any, trace_closest};
 use raywave::constants::{
     LEAF_BIT, LEAF_COUNT_SHIFT, LEAF_MAX_TRIANGLES, NO_TRIANGLE, WIDE_INNER_BIT, WIDE_LEAF_TRIANGLES,
 };
@@ -135,7 +135,7 @@ fn triangles_are_found(bvh: &Bvh, corners: &[Corners]) {
         {
             continue;
         }
-        let ray = Ray { origin: eye, direction: target - eye, leaves: NO_TRIANGLE };
+        let ray = Ray { origin: eye, direction: target - eye, leaves: Primitive::NONE };
         let hit = trace_closest(bvh, &triangles, &ray).expect("something is met");
         assert!(hit.distance < 1.0 + 1e-4);
         assert!(trace_any(bvh, &triangles, &ray, NO_TRIANGLE, 1.0 + 1e-4));
@@ -231,7 +231,7 @@ fn what_is_hit_does_not_depend_on_the_tree() {
         let direction = -way * (1.0 + 2e-5 * (beyond - 0.5));
         let answers = trees.each_ref().map(|(bvh, triangles)| {
             let place = bvh.order.iter().position(|&original| original == target).expect("it is in the order") as u32;
-            let ray = Ray { origin: end + way, direction, leaves: NO_TRIANGLE };
+            let ray = Ray { origin: end + way, direction, leaves: Primitive::NONE };
             let hit = trace_closest(bvh, triangles, &ray);
             let hit = hit.map(|hit| (triangles[hit.triangle as usize].original, hit.distance.to_bits()));
             (hit, trace_any(bvh, triangles, &ray, place, 1.0))

@@ -6,19 +6,23 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::f32::consts::{PI, TAU};
 use std::mem::offset_of;
 
+use crate::instances::orchard;
 use crate::meshes::soup;
 use crate::probe::{Bench, Uniform, any_scene, lanes, scene_of};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3, Vec2, Vec3};
+use raywave::bvh::BvhKind;
 use raywave::constants::{
     IMAGE_HEADER_WORDS, LISTED_TRIANGLES, MATERIAL_DETAIL_TEXELS, MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS,
     PUNCTUAL_LIGHT_TEXELS, Specialization, TRIANGLE_TEXELS,
 };
 use raywave::layout::{
-    Batch, Bins, Control, EnvironmentSplit, EnvironmentTexel, FilmPixel, Frame, Light, Material, MaterialDetail, Node,
-    Normals, PunctualLight, RayCount, Triangle, WorkCount,
+    Batch, Bins, Control, EnvironmentSplit, EnvironmentTexel, FilmPixel, Frame, Instance, Light, Material,
+    MaterialDetail, Node, Normals, PunctualLight, RayCount, Triangle, WorkCount,
 };
+use raywave::render::{PreparedScene, TriangleName};
 use raywave::scene::{Environment, EnvironmentMap};
+use raywave::settings::Instances;
 use raywave::shaders::{Access, KERNELS, STRUCTS, SWITCHES, StructLayout};
 use rspirv::dr::Operand;
 use rspirv::spirv::Decoration;
@@ -312,6 +316,71 @@ fn triangles_materials_normals_and_texels_are_read_as_they_are_written() {
             let normal = if flat { Vec3::Z } else { corners[original as usize][corner].1 };
             assert!((Vec3::from_slice(&answer.normal[..3]) - normal).length() < 1e-4, "{answer:?} is not {normal}");
             assert_eq!(answer.radiance[..3], bench.scene.environment[i].radiance);
+        }
+    }
+}
+
+/// Output of the probe `placed_records`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct PlacedRecord {
+    v: [[f32; 4]; 3],
+    normals: [[f32; 4]; 3],
+    uvs: [[f32; 4]; 3],
+    to_mesh: [[f32; 4]; 3],
+    light_area: f32,
+    root: u32,
+    light: [u32; 2],
+}
+
+#[test]
+fn instances_are_read_as_they_are_written() {
+    let scene = orchard();
+    let mut bench = Bench::new(&common::device(), &scene);
+    // The same scene by the host's own hands, which flattens it.
+    let [flat, placed] = [Instances::Flatten, Instances::TwoLevel]
+        .map(|instances| PreparedScene::with_tree(&scene, BvhKind::Bvh2, instances).expect("the scene fits"));
+    let (places, flat_places) = (placed.places(), flat.places());
+    bench.scene = placed;
+    let mesh_triangles = |instance: u32| if instance < 6 { 168 } else { 56 };
+    let names: Vec<TriangleName> = (1..8)
+        .flat_map(|instance| (0..mesh_triangles(instance)).map(move |triangle| TriangleName { instance, triangle }))
+        .collect();
+    let queries: Vec<[u32; 4]> = names
+        .iter()
+        .map(|name| {
+            let (number, instance) = bench.scene.number_of(*name);
+            [places[number as usize], instance, 0, 0]
+        })
+        .collect();
+    for access in ACCESSES {
+        bench.access = Some(access);
+        let answers: Vec<PlacedRecord> = bench.run("placed_records", &queries);
+        for ((name, query), answer) in names.iter().zip(&queries).zip(&answers) {
+            let (number, _) = flat.number_of(*name);
+            let Triangle { v0, v1, v2, light_area, .. } = flat.triangles[flat_places[number as usize] as usize];
+            assert_eq!(answer.v.map(|[x, y, z, _]| [x, y, z]), [v0, v1, v2]);
+            let Instance { root, inverse, .. } = bench.scene.bvh.instances[query[1] as usize];
+            assert_eq!((answer.root, answer.to_mesh), (root, inverse));
+            let normals = flat.normals[number as usize];
+            let corners: [Vec3; 3] = answer.normals.map(|[x, y, z, _]| Vec3::new(x, y, z));
+            let unfolded = |bits: u32| {
+                let [x, y] = [bits, bits >> 16].map(|bits| f32::from((bits as u16).cast_signed()) / 32767.0);
+                let fold = (x.abs() + y.abs() - 1.0).max(0.0);
+                let folded = |x: f32| if x >= 0.0 { x - fold } else { x + fold };
+                Vec3::new(folded(x), folded(y), 1.0 - x.abs() - y.abs()).normalize()
+            };
+            if normals.present != 0 {
+                let near = |(a, bits): (&Vec3, u32)| a.abs_diff_eq(unfolded(bits), 1e-6);
+                assert!(corners.iter().zip(normals.corners).all(near), "{corners:?} {name:?}");
+                let uvs = &flat.texture_coordinates[3 * number as usize..][..3];
+                assert_eq!(answer.uvs.map(|[u, v, ..]| Vec2::new(u, v)), uvs);
+            }
+            if light_area > 0.0 {
+                assert_eq!(answer.light_area, light_area);
+                // The light of that number is that triangle.
+                assert_eq!(answer.light, query[..2]);
+            }
         }
     }
 }

@@ -2,6 +2,8 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+#[path = "../common/instances.rs"]
+mod instances;
 #[path = "../common/meshes.rs"]
 mod meshes;
 #[path = "../common/probe.rs"]
@@ -20,6 +22,7 @@ mod numeric_settings;
 mod numerics;
 mod oracle_images;
 mod pipeline_cache;
+mod placed_meshes;
 mod ray_counts;
 mod ray_dumps;
 mod recordings;

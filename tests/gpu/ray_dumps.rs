@@ -210,8 +210,8 @@ fn hits_on_cpu(scene: &PreparedScene, class: RayClass, rays: &[RayRecord]) -> u6
         original => scene.bvh.order.iter().position(|t| *t == original).expect("every triangle has a place") as u32,
     };
     let is_hit = |ray: &&RayRecord| {
-        let RayRecord { origin, leaves, direction, target } = **ray;
-        let traced = Ray { origin: origin.into(), direction: direction.into(), leaves: place(leaves) };
+        let RayRecord { origin, leaves, direction, target, .. } = **ray;
+        let traced = Ray { origin: origin.into(), direction: direction.into(), leaves: place(leaves).into() };
         if class == RayClass::Shadow {
             let limit = if target == NO_TRIANGLE { f32::MAX } else { 1.0 };
             trace_any(&scene.bvh, &scene.triangles, &traced, place(target), limit)
@@ -359,7 +359,7 @@ fn counts_as_the_cpu(device: &Device, scene: &Scene, kind: BvhKind) {
         let place = |original: u32| if original == NO_TRIANGLE { NO_TRIANGLE } else { places[original as usize] };
         let work = rays.iter().map(|record| {
             let (origin, direction) = (Vec3::from(record.origin), Vec3::from(record.direction));
-            let ray = Ray { origin, direction, leaves: place(record.leaves) };
+            let ray = Ray { origin, direction, leaves: place(record.leaves).into() };
             match class {
                 // The scene has no environment: every shadow ray ends at a lamp.
                 RayClass::Shadow => count_any(&prepared.bvh, &prepared.triangles, &ray, place(record.target), 1.0).1,

@@ -31,7 +31,7 @@ impl Query {
     }
 
     fn ray(&self) -> Ray {
-        Ray { origin: self.origin.into(), direction: self.direction.into(), leaves: self.leaves }
+        Ray { origin: self.origin.into(), direction: self.direction.into(), leaves: self.leaves.into() }
     }
 }
 
@@ -102,6 +102,7 @@ fn agrees_with_the_cpu(bench: &Bench, queries: &[Query], answers: &[Answer]) {
         let expected = bvh::trace_closest(hierarchy, triangles, &query.ray());
         let found = (answer.triangle != NO_TRIANGLE).then_some(bvh::Hit {
             triangle: answer.triangle,
+            instance: 0,
             barycentrics: answer.barycentrics,
             distance: answer.distance,
         });

@@ -5,8 +5,8 @@ use std::ops::ControlFlow;
 
 use crate::common::{assert_silent, device, not_tested::not_tested, own_scene, prepare, render_on, tries};
 use glam::{DVec3, Vec3};
-use raywave::bvh::{self, BvhKind, Ray, Work};
-use raywave::constants::{NO_TRIANGLE, STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
+use raywave::bvh::{self, BvhKind, Primitive, Ray, Work};
+use raywave::constants::{STAGE_CONNECT, STAGE_EXTEND, STAGE_SHADE, STAGES};
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
 use raywave::layout::WorkCount;
@@ -135,8 +135,11 @@ fn rays_that_are_alike_do_what_the_cpu_does_and_leave_no_lane_idle() {
     let counted = count(&device, &scene, &settings);
     let prepared = prepare(&device, &scene, &settings);
     let frame = prepared.frame(&settings, 1);
-    let ray =
-        Ray { origin: Vec3::from(frame.camera_eye), direction: Vec3::from(frame.camera_forward), leaves: NO_TRIANGLE };
+    let ray = Ray {
+        origin: Vec3::from(frame.camera_eye),
+        direction: Vec3::from(frame.camera_forward),
+        leaves: Primitive::NONE,
+    };
     let (hit, Work { nodes, triangles }) = bvh::count_closest(&prepared.bvh, &prepared.triangles, &ray);
     assert!(hit.is_some() && nodes > 1 && triangles > 0);
 

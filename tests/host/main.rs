@@ -2,6 +2,8 @@
 
 #[path = "../fake_renderer/mod.rs"]
 mod fake_renderer;
+#[path = "../common/instances.rs"]
+mod instances;
 #[path = "../common/not_tested.rs"]
 mod not_tested;
 #[path = "../common/project.rs"]
@@ -10,6 +12,7 @@ mod project;
 mod film_files;
 mod formats;
 mod mitsuba_files;
+mod placed_meshes;
 mod ray_files;
 mod report_page;
 mod scene_files;

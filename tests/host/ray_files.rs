@@ -18,6 +18,7 @@ fn scene() -> RayScene {
         scene: "box".into(),
         scene_hash: "0123abcd".into(),
         triangles: TRIANGLES,
+        placed: Vec::new(),
         centre: [0.1, -1e300, 0.3],
         scale: 0.25,
     }
@@ -41,13 +42,17 @@ fn dump(class: RayClass, rays: Vec<RayRecord>) -> RayDump {
         roulette: 0.1 + 0.2,
         device: "abacus \"2\"\n".into(),
         driver: "wood".into(),
-        record: RecordLayout::of_rays(),
+        record: RecordLayout::of_rays(&scene()),
     };
     RayDump { metadata, rays }
 }
 
 fn ray(target: u32) -> RayRecord {
-    RayRecord { origin: [1.0, -2.0, 0.5], leaves: 5, direction: [0.0, -0.0, 1e-40], target }
+    record([1.0, -2.0, 0.5], 5, [0.0, -0.0, 1e-40], target)
+}
+
+fn record(origin: [f32; 3], leaves: u32, direction: [f32; 3], target: u32) -> RayRecord {
+    RayRecord { origin, leaves, direction, target, leaves_instance: 0, target_instance: 0 }
 }
 
 struct Folder(TempDir);
@@ -101,7 +106,7 @@ fn any_ray() -> impl Strategy<Value = RayRecord> {
     let triangle = || prop_oneof![Just(NO_TRIANGLE), 0..TRIANGLES];
     (prop::array::uniform3(finite()), triangle(), prop::array::uniform3(finite()), triangle())
         .prop_filter("a direction", |(_, _, direction, _)| *direction != [0.0; 3])
-        .prop_map(|(origin, leaves, direction, target)| RayRecord { origin, leaves, direction, target })
+        .prop_map(|(origin, leaves, direction, target)| record(origin, leaves, direction, target))
 }
 
 proptest! {
@@ -243,6 +248,47 @@ fn rays_that_cannot_be_traced_are_told_with_their_byte() {
         check(class, |r| r.target = NO_TRIANGLE - 1, 28, "target is triangle 4294967294 and the scene has 12");
     }
     check(RayClass::Bounce, |r| r.target = 1, 28, "target is a triangle, which only shadow rays have");
+}
+
+/// Two meshes in their places: instances 1 to 3 have seven triangles each, 4 and 5 have two.
+fn placed(mut dump: RayDump) -> RayDump {
+    dump.metadata.scene.placed = vec![[7, 3], [2, 2]];
+    dump.metadata.record = RecordLayout::of_rays(&dump.metadata.scene);
+    dump
+}
+
+#[test]
+fn rays_of_placed_meshes_have_instances() {
+    let folder = Folder::new();
+    let of_instances = |leaves, leaves_instance, target, target_instance| RayRecord {
+        leaves,
+        leaves_instance,
+        target_instance,
+        ..ray(target)
+    };
+    let rays = vec![of_instances(6, 3, 1, 5), of_instances(11, 0, NO_TRIANGLE, 0), ray(NO_TRIANGLE)];
+    let whole = placed(dump(RayClass::Shadow, rays));
+    let bytes = folder.bytes_of(&whole);
+    assert!(bytes.starts_with(b"raywave rays 2\n{"));
+    assert_eq!(bytes.len() - records_start(&bytes), 3 * 40);
+    let read = |scene: &RayScene| RayDump::read(&folder.path(), scene);
+    assert_eq!(read(&whole.metadata.scene).expect("the dump is good"), whole);
+    // Without instances it is another scene.
+    assert!(read(&scene()).expect_err("they are not the same").to_string().contains("another space"));
+    let check = |ray: RayRecord, byte: usize, said: &str| {
+        let bytes = folder.bytes_of(&placed(dump(RayClass::Shadow, vec![ray])));
+        let complaint = folder.complaint(&bytes, |scene| scene.placed = vec![[7, 3], [2, 2]]);
+        assert_eq!(complaint, format!("byte {}: ray 0: {said}", records_start(&bytes) + byte));
+    };
+    check(of_instances(7, 3, NO_TRIANGLE, 0), 12, "leaves is triangle 7 and its instance has 7");
+    check(of_instances(2, 4, NO_TRIANGLE, 0), 12, "leaves is triangle 2 and its instance has 2");
+    check(of_instances(0, 6, NO_TRIANGLE, 0), 32, "leaves is of instance 6 and the scene has 6");
+    check(of_instances(0, 1, 0, u32::MAX), 36, "target is of instance 4294967295 and the scene has 6");
+    // The version and the records say the same.
+    let bytes = folder.bytes_of(&whole);
+    let wrong = edited(&bytes, "rays 2", "rays 1");
+    let complaint = folder.complaint(&wrong, |scene| scene.placed = vec![[7, 3], [2, 2]]);
+    assert!(complaint.contains("laid out in another way"), "{complaint}");
 }
 
 #[test]

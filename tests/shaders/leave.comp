@@ -15,7 +15,7 @@ struct Answer {
 };
 
 Answer probe(Query query) {
-    Surface surface = surface_at(Hit(Primitive(query.hit.x), uintBitsToFloat(query.hit.yz), 0.0));
+    Surface surface = surface_at(Hit(world_primitive(query.hit.x), uintBitsToFloat(query.hit.yz), 0.0));
     Ray ray = spawn_ray(surface, query.direction.xyz);
     Hit hit = trace_closest(ray);
     return Answer(vec4(ray.origin, hit.distance), uvec4(hit.primitive.triangle, 0u, 0u, 0u));

@@ -20,7 +20,7 @@ struct Answer {
 };
 
 Answer probe(Query query) {
-    Surface surface = surface_at(Hit(Primitive(query.hit.x), uintBitsToFloat(query.hit.yz), 0.0));
+    Surface surface = surface_at(Hit(world_primitive(query.hit.x), uintBitsToFloat(query.hit.yz), 0.0));
     LightSample light = sample_light(surface, query.wo.xyz, BSDF_DIFFUSE | BSDF_REFLECT, query.u);
     bool occluded = is_occluded(ShadowRay(light.ray, light.light, light.radiance));
     float environment_pdf = environment_is(ENVIRONMENT_LAT_LONG) ? lat_long_pdf(light.direction) : 0.0;

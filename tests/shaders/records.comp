@@ -22,7 +22,7 @@ struct Answer {
 Answer probe(uvec4 query) {
     uint index = query.x;
     Triangle t = fetch_triangle(index);
-    Surface surface = surface_at(Hit(Primitive(index), vec2(query.yz), 0.0));
+    Surface surface = surface_at(Hit(world_primitive(index), vec2(query.yz), 0.0));
     Surface textured = surface;
     textured.material = index;
     textured.uv = vec2(0.0);

@@ -38,7 +38,7 @@ uint deepest_binary_stack(Ray ray) {
     uint current = 0u;
     while (current != TRAVERSAL_DONE) {
         if (is_inner(current)) {
-            current = descend(current, ray.origin, safe_inverse(ray.direction), FARTHEST, stack);
+            current = descend(current, box_ray(ray), FARTHEST, stack);
         } else {
             current = pop_if(true, stack);
         }
@@ -54,9 +54,9 @@ uint deepest_stack(Ray ray) {
 }
 
 Answer probe(Query query) {
-    Ray ray = Ray(uintBitsToFloat(query.origin.xyz), uintBitsToFloat(query.direction.xyz), Primitive(query.origin.w));
+    Ray ray = Ray(uintBitsToFloat(query.origin.xyz), uintBitsToFloat(query.direction.xyz), world_primitive(query.origin.w));
     Hit hit = trace_closest(ray);
-    bool occluded = trace_any(ray, Primitive(query.direction.w), query.limit.x);
+    bool occluded = trace_any(ray, world_primitive(query.direction.w), query.limit.x);
     return Answer(uvec4(hit.primitive.triangle, floatBitsToUint(hit.barycentrics), floatBitsToUint(hit.distance)),
         uvec4(uint(occluded), deepest_stack(ray), 0u, 0u));
 }

@@ -6,6 +6,7 @@ use anyhow::ensure;
 
 use super::render::is_same_file;
 use super::{LoadArguments, check_text_output, load_scene, warn_unless};
+use raywave::bvh::MAX_TRIANGLES;
 use raywave::scene::{MeshFormat, SceneFiles};
 
 /// Write a scene as a scene file (.toml), with its meshes and images beside it
@@ -42,6 +43,13 @@ pub fn run(arguments: &ConvertArguments) -> anyhow::Result<()> {
     ensure!(is_scene_file, "{}: a scene file ends in .toml; name one", output.display());
     check_text_output(output)?;
     let scene = load_scene(Some(input), &arguments.load.options(), arguments.quiet)?;
+    let triangles = scene.triangle_count();
+    ensure!(
+        triangles <= MAX_TRIANGLES as u64,
+        "{}: it has {triangles} triangles where meshes are written in each of their places, and {MAX_TRIANGLES} are the \
+         most; place them fewer times",
+        input.display()
+    );
     let format = match arguments.format {
         Format::Obj => MeshFormat::Obj,
         Format::Ply => MeshFormat::Ply,

@@ -6,6 +6,7 @@ use anyhow::ensure;
 use clap::ValueEnum;
 use indicatif::HumanCount;
 
+use raywave::bvh::MAX_TRIANGLES;
 use raywave::rays::{Metadata, RayClass, RayDump, RayOrder, RayScene, RecordLayout, write_distances, write_triangles};
 use raywave::render::{Defaults, PreparedScene, Session, distances};
 use raywave::scene::Scene;
@@ -96,9 +97,11 @@ pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
         queued.left_out
     );
 
+    let of_scene = ray_scene(&scene, &prepared);
+    let record = RecordLayout::of_rays(&of_scene);
     let metadata = Metadata {
         raywave_version: raywave::VERSION.to_owned(),
-        scene: ray_scene(&scene, &prepared),
+        scene: of_scene,
         class,
         bounce: arguments.bounce,
         rays: queued.rays.len() as u64,
@@ -113,10 +116,17 @@ pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
         roulette: settings.roulette,
         device: device.description().name.clone(),
         driver: device.description().driver.clone(),
-        record: RecordLayout::of_rays(),
+        record,
     };
     let dump = RayDump { metadata, rays: queued.rays };
     if let Some(path) = &arguments.triangles {
+        let triangles = scene.triangle_count();
+        ensure!(
+            triangles <= MAX_TRIANGLES as u64,
+            "{}: the scene has {triangles} triangles, of each mesh as many times as it is placed, and {MAX_TRIANGLES} are \
+             the most that are written; leave out --triangles",
+            path.display()
+        );
         write_triangles(path, &prepared.corners())?;
     }
     if let Some(path) = &arguments.distances {
@@ -146,7 +156,8 @@ pub fn ray_scene(scene: &Scene, prepared: &PreparedScene) -> RayScene {
     RayScene {
         scene: scene.name.clone(),
         scene_hash: scene.hash.clone(),
-        triangles: prepared.triangles.len() as u32,
+        triangles: scene.mesh.triangles.len() as u32,
+        placed: scene.placed_counts(),
         centre: prepared.normalisation.centre.to_array(),
         scale: prepared.normalisation.scale,
     }

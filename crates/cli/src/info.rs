@@ -14,7 +14,7 @@ use raywave::facts::{self, Facts};
 use raywave::gpu::Device;
 use raywave::render::{Defaults, FeatureCost, Footprint, PreparedScene, Session, feature_costs};
 use raywave::scene::Scene;
-use raywave::settings::{self, Named, SETTINGS, Setting, Settings};
+use raywave::settings::{self, Instances, Named, SETTINGS, Setting, Settings};
 use raywave_studies::lab;
 
 /// Tell what a scene holds, what a render of it needs, and what it leaves out
@@ -120,8 +120,22 @@ struct Report<'a> {
 }
 
 impl Report<'_> {
-    fn triangles(&self) -> usize {
-        self.prepared.triangles.len()
+    fn triangles(&self) -> u64 {
+        self.prepared.triangle_count
+    }
+
+    /// Vertices of all meshes, each once.
+    fn vertices(&self) -> usize {
+        self.scene.meshes().map(|mesh| mesh.positions.len()).sum()
+    }
+
+    /// Meshes that are placed more than once: triangles of all, how often they are placed in all, and how they lie in memory.
+    fn placed(&self) -> Option<(usize, usize, &'static str)> {
+        let placed = &self.scene.placed;
+        let triangles = placed.iter().map(|placed| placed.mesh.triangles.len()).sum();
+        let placements = placed.iter().map(|placed| placed.placements.len()).sum();
+        let instances = if self.prepared.bvh.has_two_levels() { Instances::TwoLevel } else { Instances::Flatten };
+        (!placed.is_empty()).then_some((triangles, placements, instances.name()))
     }
 
     /// Of the render with specialization, and without.
@@ -162,7 +176,15 @@ impl Report<'_> {
         writeln!(text, "scene            {}", scene.name)?;
         writeln!(text, "hash             {}", scene.hash)?;
         writeln!(text, "triangles        {triangles}")?;
-        writeln!(text, "vertices         {}", scene.mesh.positions.len())?;
+        if let Some((triangles, placements, instances)) = self.placed() {
+            let many = HumanCount(placements as u64);
+            writeln!(
+                text,
+                "placed meshes    {}, of {triangles} triangles, {many} times; {instances}",
+                scene.placed.len()
+            )?;
+        }
+        writeln!(text, "vertices         {}", self.vertices())?;
         writeln!(text, "materials        {}", scene.materials.len())?;
         writeln!(text, "textures         {}", scene.textures.len())?;
         writeln!(text, "light triangles  {}", prepared.lights.len())?;
@@ -173,11 +195,11 @@ impl Report<'_> {
         writeln!(
             text,
             "BVH leaves       {leaf_count}, {:.2} triangles each",
-            triangles as f64 / f64::from(*leaf_count)
+            prepared.triangles.len() as f64 / f64::from(*leaf_count)
         )?;
         writeln!(text, "BVH depth        {depth}")?;
         writeln!(text, "BVH SAH cost     {sah_cost:.2}")?;
-        let speed = triangles as f64 / build_time.as_secs_f64() / 1e6;
+        let speed = prepared.triangles.len() as f64 / build_time.as_secs_f64() / 1e6;
         writeln!(text, "BVH build        {:.1} ms, {speed:.2} M triangles/s", build_time.as_secs_f64() * 1e3)?;
 
         let heads = ["setting", "value", "by"].map(str::to_owned);
@@ -262,7 +284,9 @@ impl Report<'_> {
             "scene": scene.name,
             "scene_hash": scene.hash,
             "triangles": self.triangles(),
-            "vertices": scene.mesh.positions.len(),
+            "placed_meshes": scene.placed.len(),
+            "placements": self.placed().map_or(0, |(_, placements, _)| placements),
+            "vertices": self.vertices(),
             "materials": scene.materials.len(),
             "textures": scene.textures.len(),
             "light_triangles": prepared.lights.len(),

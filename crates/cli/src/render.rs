@@ -325,7 +325,7 @@ impl Report<'_> {
             "clocks_after": self.clocks[1],
             "kernels": kernels,
             "compiled_kernels": compiled::record(self.compiled),
-            "triangles": self.prepared.triangles.len(),
+            "triangles": self.prepared.triangle_count,
             "bvh_nodes": self.prepared.bvh.node_count,
             "bvh_build_seconds": self.prepared.bvh.build_time.as_secs_f64(),
             "device_memory_bytes": statistics.memory_bytes,

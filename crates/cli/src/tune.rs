@@ -51,7 +51,7 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
         ensure!(!given, "{flag} is what tune chooses; leave it out");
     }
     let device = arguments.picture.open_device()?;
-    let key = TuningKey::new(device.description(), scene.mesh.triangles.len());
+    let key = TuningKey::new(device.description(), scene.triangle_count());
 
     let tuned = tune(&device, &scene, &settings, arguments.rounds, &mut warn_unless(arguments.quiet))?;
     let report = Report { scene: &scene, device: &device, tuned: &tuned };
@@ -157,7 +157,7 @@ impl Report<'_> {
             "raywave_version": raywave::VERSION,
             "scene": self.scene.name,
             "scene_hash": self.scene.hash,
-            "triangles": self.scene.mesh.triangles.len(),
+            "triangles": self.scene.triangle_count(),
             "device": self.device.description().name,
             "driver": self.device.description().driver,
             "width_pixels": settings.width,

@@ -2,16 +2,17 @@
 
 use glam::{DVec3, Vec3};
 
+use super::instances::Soup;
 use super::space::Normalisation;
 use crate::layout::Frame;
 use crate::scene;
 
 /// The eye, moved along its view if it lies in a surface to within rounding: there some rays would hit that surface and
 /// some would not.
-fn clear_of_surfaces(eye: DVec3, forward: DVec3, corners: &[[Vec3; 3]]) -> DVec3 {
+fn clear_of_surfaces(eye: DVec3, forward: DVec3, soup: &Soup) -> DVec3 {
     // A few roundings, relative to the coordinates.
     const TOUCH: f64 = 4.8e-7;
-    let touch = |corners: &[Vec3; 3]| {
+    let touch = |corners: [Vec3; 3]| {
         let [a, b, c] = corners.map(|corner| corner.as_dvec3());
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
         let touch = TOUCH * low.abs().max(high.abs()).max(eye.abs()).max_element();
@@ -19,7 +20,7 @@ fn clear_of_surfaces(eye: DVec3, forward: DVec3, corners: &[[Vec3; 3]]) -> DVec3
         let off = || (b - a).cross(c - a).normalize_or_zero().dot(eye - a).abs();
         (near && off() <= touch).then_some(touch)
     };
-    corners.iter().find_map(touch).map_or(eye, |touch| eye + 8.0 * touch * forward)
+    soup.near(eye).find_map(touch).map_or(eye, |touch| eye + 8.0 * touch * forward)
 }
 
 /// Radius of the ball about the origin that holds any normalised scene.
@@ -37,7 +38,7 @@ fn ray_start(eye: DVec3, forward: DVec3) -> f64 {
 }
 
 /// Camera vectors for a square image: the session scales `camera_right` by the aspect.
-pub(super) fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation, corners: &[[Vec3; 3]]) -> Frame {
+pub(super) fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation, soup: &Soup) -> Frame {
     let forward = (camera.target - camera.eye).normalize();
     let mut right = forward.cross(camera.up).normalize_or_zero();
     if right == DVec3::ZERO {
@@ -51,7 +52,7 @@ pub(super) fn camera_frame(camera: &scene::Camera, normalisation: &Normalisation
         None => libm::tan(0.5 * camera.vfov.to_radians()),
     };
     let mut frame: Frame = bytemuck::Zeroable::zeroed();
-    let eye = clear_of_surfaces(normalisation.point(camera.eye), forward, corners);
+    let eye = clear_of_surfaces(normalisation.point(camera.eye), forward, soup);
     let distance = ray_start(eye, forward);
     frame.camera_eye = (eye + distance * forward).as_vec3().to_array();
     // Parallel rays do not spread up to where they start.

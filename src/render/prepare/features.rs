@@ -39,7 +39,7 @@ macro_rules! features {
                         Environment::Constant(_) => ENVIRONMENT_CONSTANT,
                         Environment::LatLong(_) => ENVIRONMENT_LAT_LONG,
                     },
-                    thin_triangles: subject.bvh.has_thin_triangles,
+                    thin_triangles: false,
                     $($name: is_in(subject, $is_in)),*
                 }
             }
@@ -107,11 +107,11 @@ features! {
     /// The camera is orthographic.
     orthographic, "orthographic camera": |s| s.scene.camera.orthographic.is_some();
     /// Some triangle has shading normals.
-    normals, "shading normals": |s| s.scene.mesh.triangles.iter().any(|t| t.normals[0] != scene::NONE);
+    normals, "shading normals": |s| s.has_normals();
     /// The camera has a lens.
     lens, "lens": |s| s.scene.camera.aperture > 0.0;
     /// The camera is so far away that its rays start nearer to the scene.
-    distance, "distant camera": |s| s.distance;
+    distance, "distant camera": |_| false;
 }
 
 /// The BSDF of a material, as kernels call it: one of `SURFACE_*`.
@@ -152,12 +152,8 @@ pub struct FeatureFlag {
 /// Where features are looked for.
 struct Subject<'a> {
     scene: &'a Scene,
-    /// Of its triangles.
-    bvh: &'a Bvh,
     /// Materials that some triangle has.
     used: Vec<&'a scene::Material>,
-    /// Whether the camera is far away.
-    distance: bool,
 }
 
 impl Subject<'_> {
@@ -183,6 +179,10 @@ impl Subject<'_> {
         self.any_used(shown)
     }
 
+    fn has_normals(&self) -> bool {
+        self.scene.meshes().flat_map(|mesh| &mesh.triangles).any(|triangle| triangle.normals[0] != scene::NONE)
+    }
+
     fn has_turned_environment(&self) -> bool {
         matches!(&self.scene.environment, Environment::LatLong(map) if map.rotation != DMat3::IDENTITY)
     }
@@ -193,10 +193,11 @@ fn is_in(subject: &Subject<'_>, is_in: impl Fn(&Subject<'_>) -> bool) -> bool {
 }
 
 impl Features {
-    pub(super) fn of(scene: &Scene, bvh: &Bvh, distance: bool) -> Self {
+    /// All but what a tree tells, `thin_triangles`, and where the camera is, `distance`.
+    pub(super) fn of(scene: &Scene) -> Self {
         let used =
             scene.materials.iter().zip(scene.shown_materials()).filter_map(|(material, used)| used.then_some(material));
-        Self::of_subject(&Subject { scene, bvh, used: used.collect(), distance })
+        Self::of_subject(&Subject { scene, used: used.collect() })
     }
 
     /// Whether some BSDF is not all specular, so that light samples count.
@@ -244,6 +245,8 @@ pub struct Needs {
     pub shadows: bool,
     /// Entries of the traversal stack.
     pub stack_size: u32,
+    /// Meshes lie in their places under a tree of their own.
+    pub two_levels: bool,
 }
 
 /// Entries of the traversal stack of kernels for any scene: few BVHs are deeper.
@@ -258,10 +261,11 @@ impl Needs {
         roulette: true,
         shadows: true,
         stack_size: ANY_STACK_SIZE,
+        two_levels: false,
     };
 
-    /// What a render needs, by the features of its scene and the stack of its BVH.
-    pub fn of(features: Features, settings: &Settings, stack_size: u32) -> Self {
+    /// What a render needs, by the features of its scene, the stack of its BVH, and whether that has two levels.
+    pub fn of(features: Features, settings: &Settings, stack_size: u32, two_levels: bool) -> Self {
         let scatters = features.scatters() && settings.max_bounces != Some(0);
         let lit = features.lights || features.punctual_lights || features.environment != ENVIRONMENT_BLACK;
         Self {
@@ -271,12 +275,13 @@ impl Needs {
             roulette: settings.roulette > 0.0 || settings.roulette_mode == RouletteMode::Throughput,
             shadows: scatters && features.has_non_specular() && lit && settings.integrator != Integrator::Implicit,
             stack_size,
+            two_levels,
         }
     }
 
     /// What kernels are built for, with the settings and the BVH of a render.
     pub fn specialization(&self, settings: &Settings, plan: &Plan, bvh: &Bvh) -> Specialization {
-        let Self { features, scatters, bounded, roulette, shadows, stack_size } = *self;
+        let Self { features, scatters, bounded, roulette, shadows, stack_size, two_levels } = *self;
         let Features {
             environment,
             lights,
@@ -318,6 +323,7 @@ impl Needs {
             stack_size,
             bvh_width: bvh.kind.width(),
             listed_count: if bvh.kind == BvhKind::List { bvh.order.len() as u32 } else { 0 },
+            two_level: two_levels,
             integrator: match settings.integrator {
                 Integrator::Implicit => INTEGRATOR_IMPLICIT,
                 Integrator::Explicit => INTEGRATOR_EXPLICIT,

@@ -6,11 +6,12 @@ use glam::{DVec3, Vec3};
 
 use super::PrepareError;
 use super::features::Features;
+use super::instances::{Part, Soup};
 use super::sky::Sky;
 use crate::alias::{AliasCell, alias_table};
 use crate::bvh::Bvh;
 use crate::constants::*;
-use crate::layout::Light;
+use crate::layout::{Instance, Light};
 use crate::scene::Scene;
 
 /// Most cells of an alias table: random numbers have 24 bits.
@@ -28,10 +29,23 @@ pub(super) fn brightness(radiance: Vec3) -> f64 {
 pub(super) struct AreaLights {
     /// Cells of the alias table, in the scene's order.
     pub(super) cells: Vec<Light>,
+    /// The instance that each is of.
+    pub(super) instances: Vec<u32>,
     /// Area of each over the probability of its pick, normalised units squared.
     pub(super) areas: Vec<f64>,
     /// Brightness times area of all, times pi.
     power: f64,
+}
+
+/// An emissive triangle, as often as it is placed.
+struct Emitter<'a> {
+    /// Its number in the soup.
+    original: u32,
+    /// Its place in leaf order.
+    place: u32,
+    /// The number of its instance, and where that is.
+    instance: u32,
+    placed: &'a Instance,
 }
 
 impl AreaLights {
@@ -39,8 +53,9 @@ impl AreaLights {
     /// where it is near, or is the only one in sight.
     const BY_POWER: f64 = 0.9;
 
-    pub(super) fn of(scene: &Scene, bvh: &Bvh, corners: &[[Vec3; 3]]) -> Result<Self, PrepareError> {
-        let material = |original: u32| &scene.materials[scene.mesh.triangles[original as usize].material as usize];
+    /// Of triangles that a tree was built of. It numbers the lights of instances.
+    pub(super) fn of(scene: &Scene, bvh: &mut Bvh, soup: &Soup) -> Result<Self, PrepareError> {
+        let material = |original: u32| &scene.materials[soup.materials[original as usize] as usize];
         let emits = |original: u32| material(original).is_emitter();
         let mut lights: Vec<(u32, u32)> = bvh
             .order
@@ -51,19 +66,42 @@ impl AreaLights {
             .collect();
         // The scene's order, so that random numbers pick the same light whatever the BVH is.
         lights.sort_unstable();
-        let originals = || lights.iter().map(|(original, _)| *original);
-        let areas: Vec<f64> = originals()
-            .map(|original| {
-                let [a, b, c] = corners[original as usize].map(|v| v.as_dvec3());
+        let of_part = |part: &Part| {
+            let [from, to] = [part.range.start, part.range.end]
+                .map(|end| lights.partition_point(|(original, _)| (*original as usize) < end));
+            &lights[from..to]
+        };
+        let count = soup.parts.iter().map(|part| of_part(part).len().saturating_mul(part.instances.len()));
+        let count = count.fold(0, usize::saturating_add);
+        if count > MAX_CELLS {
+            return Err(PrepareError::TooManyLights(count));
+        }
+        let (mut emitters, mut instance) = (Vec::with_capacity(count), 0);
+        for part in &soup.parts {
+            for placed in &part.instances {
+                if let Some(of_tree) = bvh.instances.get_mut(instance as usize) {
+                    of_tree.first_light = emitters.len() as u32;
+                }
+                let emitter = |&(original, place): &(u32, u32)| Emitter { original, place, instance, placed };
+                emitters.extend(of_part(part).iter().map(emitter));
+                instance += 1;
+            }
+        }
+        let areas: Vec<f64> = emitters
+            .iter()
+            .map(|Emitter { original, placed, .. }| {
+                let corner = |corner: Vec3| Vec3::from(placed.place(corner.to_array()));
+                // In the world they are where they are.
+                let corners = soup.corners[*original as usize];
+                let corners = if bvh.has_two_levels() { placed.place_corners(corners, corner) } else { corners };
+                let [a, b, c] = corners.map(|v| v.as_dvec3());
                 0.5 * (b - a).cross(c - a).length()
             })
             .collect();
-        let brightnesses: Vec<f64> = originals().map(|original| brightness(material(original).emission)).collect();
+        let brightnesses: Vec<f64> =
+            emitters.iter().map(|emitter| brightness(material(emitter.original).emission)).collect();
         let area: f64 = areas.iter().sum();
         let power: f64 = areas.iter().zip(&brightnesses).map(|(area, brightness)| area * brightness).sum();
-        if lights.len() > MAX_CELLS {
-            return Err(PrepareError::TooManyLights(lights.len()));
-        }
         if power == 0.0 {
             return Ok(Self::default());
         }
@@ -71,14 +109,15 @@ impl AreaLights {
         let pdf = |brightness: &f64| Self::BY_POWER * brightness / power + (1.0 - Self::BY_POWER) / area;
         let pdfs: Vec<f64> = brightnesses.iter().map(pdf).collect();
         let weights: Vec<f64> = areas.iter().zip(&pdfs).map(|(area, pdf)| area * pdf).collect();
-        let cell = |((_, triangle), cell): (&(u32, u32), AliasCell)| Light {
-            triangle: *triangle,
+        let cell = |(emitter, cell): (&Emitter<'_>, AliasCell)| Light {
+            triangle: emitter.place,
             threshold: cell.threshold,
             alias: cell.alias,
             unused: 0,
         };
         Ok(Self {
-            cells: lights.iter().zip(alias_table(&weights)).map(cell).collect(),
+            instances: emitters.iter().map(|emitter| emitter.instance).collect(),
+            cells: emitters.iter().zip(alias_table(&weights)).map(cell).collect(),
             areas: pdfs.iter().map(|pdf| 1.0 / pdf).collect(),
             power: PI * power,
         })

@@ -113,6 +113,17 @@ fn encode_normal(n: Vec3) -> u32 {
     snorm(x) | snorm(y) << 16
 }
 
+/// The unit vector that bits stand for, as `decode_normal` of `records.glsl` has it.
+pub(super) fn decode_normal(bits: u32) -> Vec3 {
+    let snorm = |bits: u32| f32::from((bits as u16).cast_signed().max(-32767)) / 32767.0;
+    let (x, y) = (snorm(bits), snorm(bits >> 16));
+    let z = 1.0 - x.abs() - y.abs();
+    let fold = if 0.0 < -z { -z } else { 0.0 };
+    let folded = |x: f32| x + if x >= 0.0 { -fold } else { fold };
+    let n = Vec3::new(folded(x), folded(y), z);
+    n * (1.0 / ((n.x * n.x + n.y * n.y) + n.z * n.z).sqrt())
+}
+
 pub(super) fn pack_coordinates(mesh: &scene::Mesh) -> Vec<Vec2> {
     let corner = |&i: &u32| if i == scene::NONE { Vec2::ZERO } else { mesh.uvs[i as usize] };
     mesh.triangles.iter().flat_map(|triangle| triangle.uvs.iter().map(corner).collect::<Vec<_>>()).collect()

@@ -51,7 +51,10 @@ pub struct Normalisation {
 
 impl Normalisation {
     pub(super) fn of(scene: &Scene) -> Self {
-        let (low, high) = scene.bounds();
+        Self::of_bounds(scene.bounds())
+    }
+
+    pub(super) fn of_bounds((low, high): (DVec3, DVec3)) -> Self {
         let extent = (0.5 * (high - low)).max_element();
         let scale = if extent > 0.0 { (-extent.log2().ceil()).exp2() } else { 1.0 };
         Self { centre: low.midpoint(high), scale }

@@ -8,9 +8,10 @@ use std::path::Path;
 
 use glam::{DQuat, DVec3, Vec3};
 
+use self::geometry::Dressing;
 use self::materials::Materials;
 use super::{
-    Camera, Environment, EnvironmentMap, Material, Mesh, Scene,
+    Camera, Environment, EnvironmentMap, Material, Mesh, PlacedMesh, Scene, around_both,
     error::{Location, SceneError},
     import::{self, ImageFile, ImageSource, Import},
     sources::{Sources, Warning},
@@ -23,9 +24,9 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
     let Import { meshes, materials, images, mut instances, camera, settings, environment, lights } = import;
     let location = Location::file(path);
 
-    // Flatten the instances, one mesh after the other.
+    // One mesh after the other.
     let mut materials = Materials::new(materials, images.files);
-    let mut mesh = Mesh::default();
+    let (mut mesh, mut placed) = (Mesh::default(), Vec::new());
     let mut without_area = 0;
     instances.sort_by_key(|instance| instance.mesh);
     let mut instances = &instances[..];
@@ -36,9 +37,21 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
         if own.is_empty() {
             continue;
         }
-        without_area += mesh.add_instances(imported, own, &mut materials, &mut sources)?;
+        let dressing = Dressing::of(&imported, &mut materials, &mut sources)?;
+        let mut own = own.to_vec();
+        let placements = PlacedMesh::placements(&imported, &mut own);
+        if !placements.is_empty() {
+            // Singular placements are the exception: only they need the mesh again.
+            let copy = if own.is_empty() { None } else { Some(imported.clone()) };
+            let (several, dropped) = PlacedMesh::of(imported, &dressing, placements)?;
+            without_area += dropped;
+            placed.extend(Some(several).filter(|placed| !placed.mesh.triangles.is_empty()));
+            without_area += copy.map_or(Ok(0), |copy| mesh.add_instances(copy, &dressing, &own))?;
+        } else {
+            without_area += mesh.add_instances(imported, &dressing, &own)?;
+        }
     }
-    if mesh.triangles.is_empty() {
+    if mesh.triangles.is_empty() && placed.is_empty() {
         return Err(location.refuse("no triangle has an area; check scale and the mesh"));
     }
     if without_area > 0 {
@@ -64,11 +77,13 @@ pub(super) fn assemble(import: Import, path: &Path, mut sources: Sources) -> Res
         return Err(location.refuse("up has no direction; give one other than 0"));
     }
     let (hash, warnings) = sources.finish();
+    let bounds = placed.iter().map(PlacedMesh::bounds).fold(mesh.bounds(), around_both);
     Ok(Scene {
         name: one_line(&path.file_stem().unwrap_or_default().to_string_lossy()),
-        camera: camera.unwrap_or_else(|| Camera::framing(mesh.bounds(), up)),
+        camera: camera.unwrap_or_else(|| Camera::framing(bounds, up)),
         settings,
         mesh,
+        placed,
         materials,
         textures,
         environment,

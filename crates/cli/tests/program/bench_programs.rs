@@ -606,3 +606,17 @@ assert bias.verdict(*ways['noisy'].beside(ways['first'])) == 'not known so well'
 ",
     );
 }
+
+#[test]
+fn a_forest_has_as_many_trees_as_it_is_asked_for() {
+    let folder = TempDir::new().expect("a temporary folder");
+    let mut command = Command::new("python3");
+    command.arg(project_file("bench/forest.py")).arg(folder.path()).args(["--triangles", "100", "--places", "50"]);
+    assert!(printed(command).ends_with("forest.gltf: 50 trees of 100 triangles\n"));
+    let info = Command::new(program()).arg("info").arg(folder.path().join("forest.gltf")).output().expect("it runs");
+    let told = String::from_utf8(info.stdout).expect("text");
+    assert!(
+        told.contains("triangles        5002\nplaced meshes    1, of 100 triangles, 50 times; flatten\n"),
+        "{told}"
+    );
+}

@@ -26,7 +26,7 @@ use raywave::render::{
     Defaults, PrepareError, PreparedScene, RenderError, Session, SessionOptions, Statistics, WarmUp, Warmth,
 };
 use raywave::scene::{LoadOptions, Scene};
-use raywave::settings::{PathState, Scheduler, Settings, ShadowRays, Sort};
+use raywave::settings::{Instances, PathState, Scheduler, Settings, ShadowRays, Sort};
 
 /// The settings of a scene, before a configuration changes them.
 pub type SettingsOf = dyn Fn(&Scene) -> anyhow::Result<Settings>;
@@ -103,17 +103,17 @@ struct OpenScene {
     settings: Settings,
     /// What suits the device, and what a tuning found for scenes of the size.
     defaults: Defaults,
-    /// By the shape of its BVH, as far as configurations have asked for it.
-    prepared: HashMap<BvhKind, PreparedScene>,
+    /// By the shape of its BVH and what that does with placed meshes, as far as configurations have asked for it.
+    prepared: HashMap<(BvhKind, Instances), PreparedScene>,
 }
 
 impl OpenScene {
     /// The scene with the BVH that the settings ask for or else suits the device.
     fn prepare(&mut self, settings: &Settings) -> Result<&PreparedScene, PrepareError> {
-        let kind = self.defaults.bvh(settings, self.scene.mesh.triangles.len());
-        match self.prepared.entry(kind) {
+        let (kind, instances) = self.defaults.tree(settings, &self.scene);
+        match self.prepared.entry((kind, instances)) {
             Entry::Occupied(entry) => Ok(entry.into_mut()),
-            Entry::Vacant(entry) => Ok(entry.insert(PreparedScene::with_bvh(&self.scene, kind)?)),
+            Entry::Vacant(entry) => Ok(entry.insert(PreparedScene::with_tree(&self.scene, kind, instances)?)),
         }
     }
 }
@@ -164,7 +164,7 @@ impl DeviceRenderer {
             height_pixels: settings.height,
             samples_per_pixel: settings.samples,
             settings,
-            triangles: prepared.triangles.len() as u64,
+            triangles: prepared.triangle_count,
             bvh_nodes: prepared.bvh.node_count as u64,
         };
         self.scene = Some(open);

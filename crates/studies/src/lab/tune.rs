@@ -21,7 +21,7 @@ use raywave::render::{
     WarmUp, Warmth,
 };
 use raywave::scene::Scene;
-use raywave::settings::{Fetch, Packets, Scheduler, Settings};
+use raywave::settings::{Fetch, Instances, Packets, Scheduler, Settings};
 
 /// Pixels of the picture whose rays are frozen, at most: a bounce of them keeps software devices busy.
 const PIXELS: f64 = 65_536.0;
@@ -94,8 +94,11 @@ pub fn tune(
     warn: &mut dyn FnMut(&str),
 ) -> anyhow::Result<TuningStudy> {
     let default = default_traversal(device, settings, scene)?;
-    let mut scenes = HashMap::from([(default.bvh, PreparedScene::with_bvh(scene, default.bvh)?)]);
-    for kind in BvhKind::all_of(scene.mesh.triangles.len()) {
+    let (_, instances) = Defaults::of(device)?.tree(settings, scene);
+    let mut scenes = HashMap::from([(default.bvh, PreparedScene::with_tree(scene, default.bvh, instances)?)]);
+    // There are two levels of one kind alone.
+    let others = BvhKind::all_of(scene.triangle_count() as usize).filter(|_| instances == Instances::Flatten);
+    for kind in others {
         if let Entry::Vacant(entry) = scenes.entry(kind) {
             match PreparedScene::with_bvh(scene, kind) {
                 Err(PrepareError::TooManyNodes { .. }) => {}
@@ -168,7 +171,7 @@ fn speed_up(plan: &Plan, other: &Plan) -> Estimate {
 /// How rays are traced where nothing is tuned.
 fn default_traversal(device: &Device, settings: &Settings, scene: &Scene) -> Result<Traversal, GpuError> {
     let defaults = Defaults::of(device)?;
-    let bvh = defaults.bvh(settings, scene.mesh.triangles.len());
+    let (bvh, _) = defaults.tree(settings, scene);
     let Choices { fetch, workgroup_size, .. } = defaults.choose(settings, bvh, SceneLevels::default());
     let workgroup_size = workgroup_size.min(device.description().max_workgroup_size);
     Ok(Traversal { bvh, fetch, workgroup_size, packets: false })

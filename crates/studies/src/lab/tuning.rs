@@ -55,8 +55,8 @@ pub struct Key {
 
 impl Key {
     /// The tuning of such a device for scenes of about this many triangles.
-    pub fn new(device: &DeviceDescription, triangles: usize) -> Self {
-        let least = 4_u64.pow((triangles.max(1) as u64).ilog(4));
+    pub fn new(device: &DeviceDescription, triangles: u64) -> Self {
+        let least = 4_u64.pow(triangles.max(1).ilog(4));
         Self {
             cache_name: device.cache_name(),
             device: device.name.clone(),
@@ -104,7 +104,7 @@ struct Choice {
 impl Tuning {
     /// The tuning for a scene on a device; empty where there is none. A file that is no good is worth a warning.
     pub fn of_scene(device: &DeviceDescription, scene: &Scene, warn: &mut dyn FnMut(&str)) -> Self {
-        let key = Key::new(device, scene.mesh.triangles.len());
+        let key = Key::new(device, scene.triangle_count());
         let Some(file) = key.file() else { return Self::default() };
         Self::read(&file, &key).unwrap_or_else(|reason| {
             let file = file.display();

@@ -99,7 +99,7 @@ impl<'a> Reference<'a> {
             m.is_pure_emitter && !m.is_rough() && known.contains(&m.surface)
         };
         assert!(scene.materials.iter().all(is_known), "the reference knows no microfacets, coats and blends");
-        let mesh = &scene.mesh;
+        let mesh = &*scene.flattened();
         let facets: Vec<Facet> = mesh
             .triangles
             .iter()

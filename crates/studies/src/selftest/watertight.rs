@@ -7,8 +7,8 @@ use super::bench::{Bench, buffers, kernels, state};
 use super::{Check, Finding, Verdict};
 use crate::oracle::pcg4d;
 use crate::stability::stage::{ball, cube, grey, stage};
-use raywave::bvh::{self, BvhKind, Hit, Ray};
-use raywave::constants::NO_TRIANGLE;
+use raywave::bvh::{self, BvhKind, Hit, Primitive, Ray};
+use raywave::constants::{NO_TRIANGLE, WORLD_INSTANCE};
 use raywave::layout::{Batch, Triangle};
 use raywave::recording::Recording;
 use raywave::render::{Plan, PreparedScene, RenderError, scene_buffers};
@@ -101,7 +101,7 @@ fn ray_of(number: u32, triangles: &[Triangle]) -> Ray {
         }
         _ => (Vec3::ZERO, if number & 4 == 0 { v0 } else { 0.5 * (v0 + v1) }),
     };
-    Ray { origin, direction: target - origin, leaves: NO_TRIANGLE }
+    Ray { origin, direction: target - origin, leaves: Primitive::NONE }
 }
 
 /// Findings over all bodies.
@@ -133,7 +133,12 @@ impl Leaks {
         };
         let found = |words: &[u32]| {
             let [u, v, distance] = [words[1], words[2], words[3]].map(f32::from_bits);
-            (words[0] != NO_TRIANGLE).then_some(Hit { triangle: words[0], barycentrics: [u, v], distance })
+            (words[0] != NO_TRIANGLE).then_some(Hit {
+                triangle: words[0],
+                instance: WORLD_INSTANCE,
+                barycentrics: [u, v],
+                distance,
+            })
         };
         let pairs = hits.par_chunks_exact(4).enumerate().map(|(number, words)| (found(words), on_cpu(number)));
         let [differing, near] = pairs
@@ -175,7 +180,7 @@ mod tests {
         let hit = |number| {
             let ray = ray_of(number, &prepared.triangles);
             let hit = bvh::trace_closest(&prepared.bvh, &prepared.triangles, &ray).expect("the body is closed");
-            let Hit { triangle, barycentrics: [u, v], distance } = hit;
+            let Hit { triangle, barycentrics: [u, v], distance, .. } = hit;
             [triangle, u.to_bits(), v.to_bits(), distance.to_bits()]
         };
         [0; HEAD].into_iter().chain((0..TRACED).flat_map(hit)).collect()

@@ -8,7 +8,7 @@ use super::stage::{WHITE_SKY, ball, bevelled_rod, cube, grey, lamp, moved, stage
 use crate::stats::SplitMix64;
 use crate::studies::Trial;
 use raywave::bvh::BvhKind;
-use raywave::constants::NO_TRIANGLE;
+use raywave::constants::{NO_TRIANGLE, WORLD_INSTANCE};
 use raywave::rays::RayRecord;
 use raywave::render::PreparedScene;
 use raywave::scene::Scene;
@@ -109,7 +109,14 @@ fn edges(lab: &Lab<'_>) -> Vec<Trial> {
 }
 
 fn record(origin: Vec3, direction: Vec3) -> RayRecord {
-    RayRecord { origin: origin.to_array(), leaves: NO_TRIANGLE, direction: direction.to_array(), target: NO_TRIANGLE }
+    RayRecord {
+        origin: origin.to_array(),
+        leaves: NO_TRIANGLE,
+        direction: direction.to_array(),
+        target: NO_TRIANGLE,
+        leaves_instance: WORLD_INSTANCE,
+        target_instance: WORLD_INSTANCE,
+    }
 }
 
 /// A ray from near the origin at a vertex, an edge or a face of a triangle.
