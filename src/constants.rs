@@ -305,6 +305,8 @@ specialization_constants! {
     has_beckmann: bool = true;
     /// Whether some material makes up for light that its microfacets scatter more than once.
     has_compensation: bool = true;
+    /// Whether vertices of some triangle have colours.
+    has_vertex_colours: bool = true;
     /// Whether some material has a texture of diffuse reflectance.
     has_textures: bool = true;
     /// Whether some material has a texture of another parameter.

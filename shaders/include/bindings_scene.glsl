@@ -1,6 +1,6 @@
 // Set 0: what does not change during a render. Read-only for every kernel.
 //
-// Each scene buffer is an array of 16-byte (textures, texture_coordinates, placed_lights: 8-byte) words of bits.
+// Each scene buffer is an array of 16-byte (textures, texture_coordinates, vertex_colours, placed_lights: 8-byte) words of bits.
 // It is a storage buffer or, where the host makes it one, a uniform texel buffer: software devices read those faster,
 // devices with few texels have larger storage buffers.
 #ifndef BINDINGS_SCENE_GLSL
@@ -51,6 +51,7 @@ SCENE_BUFFER(12, instances, uvec4)             // INSTANCE_TEXELS a mesh in its 
 SCENE_BUFFER(13, placed_lights, uvec2)         // of a light: instance, area over probability
 SCENE_BUFFER(5, normals, uvec4)                // three octahedral normals, 1 if there are any
 SCENE_BUFFER(6, texture_coordinates, uvec2)    // three a triangle
+SCENE_BUFFER(14, vertex_colours, uvec2)        // three a triangle: linear RGB as halves, and whether there are any
 SCENE_BUFFER(7, textures, uvec2)               // per image its header, then linear RGB as halves; tables
 SCENE_BUFFER(8, environment, uvec4)            // radiance, probability of the texel
 SCENE_BUFFER(9, environment_splits, uvec4)     // probability of a block's upper half; of the left in each half; unused

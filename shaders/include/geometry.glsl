@@ -29,6 +29,7 @@ struct Surface {
     vec2 uv;
     vec3 along_u;           // the change of position by the first texture coordinate, zero where there is none
     vec3 along_v;           // by the second
+    vec3 colour;            // that multiplies the diffuse reflectance
     Primitive primitive;
     uint material;
 };
@@ -96,6 +97,7 @@ Surface surface_at(Hit hit) {
     surface.uv = vec2(0.0);
     surface.along_u = vec3(0.0);
     surface.along_v = vec3(0.0);
+    surface.colour = vec3(1.0);
     surface.primitive = hit.primitive;
     surface.material = t.material;
     vec3 weights = vec3(1.0 - hit.barycentrics.x - hit.barycentrics.y, hit.barycentrics);
@@ -110,6 +112,9 @@ Surface surface_at(Hit hit) {
         }
     }
     surface.smooth_normal = surface.shading_normal;
+    if (HAS_VERTEX_COLOURS) {
+        surface.colour = fetch_vertex_colour(hit.primitive, t.original, weights);
+    }
     if (HAS_TEXTURES || HAS_DETAIL_TEXTURES || HAS_TANGENTS) {
         CornerUvs uvs = fetch_corner_uvs(hit.primitive, t.original);
         surface.uv = weights.x * uvs.a + weights.y * uvs.b + weights.z * uvs.c;

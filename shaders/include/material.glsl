@@ -163,6 +163,9 @@ Material material_at(Surface surface) {
         uint header = max(m.map_kd, 1u) - 1u;
         m.kd = m.map_kd != 0u ? texture_at(header, surface.uv) : m.kd;
     }
+    if (HAS_VERTEX_COLOURS) {
+        m.kd *= surface.colour;
+    }
     if (HAS_DETAIL_TEXTURES) {
         look_up_details(surface.material, surface.uv, m);
     }

@@ -304,6 +304,23 @@ CornerUvs fetch_corner_uvs(Primitive primitive, uint original) {
     return CornerUvs(a, swaps ? c : b, swaps ? b : c);
 }
 
+vec3 decode_colour(uvec2 halves) { return vec3(unpackHalf2x16(halves.x), unpackHalf2x16(halves.y).x); }
+
+// What the diffuse reflectance of a primitive is multiplied by, at weights of its corners.
+vec3 fetch_vertex_colour(Primitive primitive, uint original, vec3 weights) {
+    uvec2 a = fetch_vertex_colours(3u * original);
+    uvec2 b = fetch_vertex_colours(3u * original + 1u);
+    uvec2 c = fetch_vertex_colours(3u * original + 2u);
+    bool swaps = false;
+    if (TWO_LEVEL) {
+        swaps = is_mirrored(primitive.instance);
+    }
+    vec3 colour = weights.x * decode_colour(a) + weights.y * decode_colour(swaps ? c : b)
+        + weights.z * decode_colour(swaps ? b : c);
+    bool is_coloured = (a.y >> 16u) != 0u;
+    return is_coloured ? colour : vec3(1.0);
+}
+
 // An image is a header, then its texels in rows.
 ivec2 image_size(uint header) { return ivec2(fetch_textures(header)); }
 

@@ -9,7 +9,7 @@ use glam::{Affine2, DMat3, Vec2, Vec3};
 
 use super::{Environment, Lookup, Material, Mesh, NONE, Parameter, Scene, Surface, Triangle, Wrap};
 use crate::constants::MAX_BLENDS;
-use crate::image::{Image, ImageError, WriteOptions, image_bytes};
+use crate::image::{Image, ImageError, WriteOptions, image_bytes, srgb};
 use crate::settings::Named;
 use crate::whole_file;
 
@@ -268,8 +268,14 @@ impl<'a> SceneFiles<'a> {
 
     fn write_obj(&self, file: &mut dyn Write) -> io::Result<()> {
         let mesh = &self.mesh;
-        for point in &mesh.positions {
-            writeln!(file, "v {} {} {}", point.x, point.y, point.z)?;
+        for (point, index) in mesh.positions.iter().zip(0..) {
+            write!(file, "v {} {} {}", point.x, point.y, point.z)?;
+            if !mesh.colours.is_empty() {
+                let [red, green, blue] =
+                    mesh.colour(index).to_array().map(|light| srgb::encode(f64::from(light).clamp(0.0, 1.0)));
+                write!(file, " {red} {green} {blue}")?;
+            }
+            writeln!(file)?;
         }
         for normal in &mesh.normals {
             writeln!(file, "vn {} {} {}", normal.x, normal.y, normal.z)?;
@@ -330,6 +336,10 @@ impl<'a> SceneFiles<'a> {
         if has_uvs {
             write!(file, "property float s\nproperty float t\n")?;
         }
+        let has_colours = !mesh.colours.is_empty();
+        if has_colours {
+            write!(file, "property float red\nproperty float green\nproperty float blue\n")?;
+        }
         write!(file, "element face {}\nproperty list uchar uint vertex_indices\nend_header\n", faces.len())?;
         for [position, normal, uv] in corners {
             for value in mesh.positions[position as usize].to_array() {
@@ -343,6 +353,10 @@ impl<'a> SceneFiles<'a> {
             if has_uvs {
                 let uv = if uv == NONE { Vec2::ZERO } else { transform.transform_point2(mesh.uvs[uv as usize]) };
                 uv.to_array().iter().try_for_each(|value| file.write_all(&value.to_le_bytes()))?;
+            }
+            if has_colours {
+                let colour = mesh.colour(position).to_array();
+                colour.iter().try_for_each(|value| file.write_all(&value.to_le_bytes()))?;
             }
         }
         for face in faces {

@@ -151,6 +151,7 @@ impl Scene {
             flat.uvs.extend(&mesh.uvs);
             for placement in placements {
                 let (first, first_normal) = (flat.positions.len() as u32, flat.normals.len() as u32);
+                flat.add_colours(&mesh.colours);
                 flat.positions.extend(mesh.positions.iter().map(|point| placement.map.transform_point3(*point)));
                 flat.normals.extend(mesh.normals.iter().map(|normal| placement.normal(*normal)));
                 let moved = |index: u32, first: u32| if index == NONE { NONE } else { first + index };
@@ -231,11 +232,26 @@ pub struct Mesh {
     pub normals: Vec<Vec3>,
     /// Texture coordinates; empty when no material in use has an image.
     pub uvs: Vec<Vec2>,
+    /// By position: linear colours, finite and at least 0, that multiply the diffuse reflectance. Positions without are white.
+    pub colours: Vec<Vec3>,
     /// Triangles; counter-clockwise seen from their front.
     pub triangles: Vec<Triangle>,
 }
 
 impl Mesh {
+    /// Adds the colours of positions that are to be added.
+    fn add_colours(&mut self, colours: &[Vec3]) {
+        if !colours.is_empty() {
+            self.colours.resize(self.positions.len(), Vec3::ONE);
+            self.colours.extend(colours);
+        }
+    }
+
+    /// The colour of a position.
+    pub fn colour(&self, position: u32) -> Vec3 {
+        self.colours.get(position as usize).copied().unwrap_or(Vec3::ONE)
+    }
+
     /// The lowest and highest corner of the box around all triangles; of an empty mesh, infinite
     /// and the wrong way round.
     pub fn bounds(&self) -> (DVec3, DVec3) {

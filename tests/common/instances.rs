@@ -11,7 +11,7 @@ use raywave::scene::{
 };
 
 /// A closed body of meridians and parallels, faces outwards, with smooth normals and texture coordinates: a ball that is
-/// wider to one side. Its southern half has the second material.
+/// wider to one side, and coloured around it. Its southern half has the second material.
 pub fn pear(meridians: u32, parallels: u32, materials: [u32; 2]) -> Mesh {
     let (mut mesh, columns) = (Mesh::default(), meridians + 1);
     for row in 0..=parallels {
@@ -24,6 +24,7 @@ pub fn pear(meridians: u32, parallels: u32, materials: [u32; 2]) -> Mesh {
             mesh.positions.push(point * (1.0 + 0.3 * point.x));
             mesh.normals.push(point.normalize().as_vec3());
             mesh.uvs.push(Vec2::new(u as f32, 1.0 - v as f32));
+            mesh.colours.push(Vec3::new(1.0, u as f32, 0.5));
         }
     }
     for row in 0..parallels {
@@ -53,7 +54,7 @@ pub fn placement(scale: DVec3, turn: DVec3, translation: DVec3) -> Placement {
 }
 
 /// What a scene may do with meshes in one: pears on a floor, turned, stretched, mirrored with their fronts kept and turned
-/// inside out, with an image and smooth normals, and lamps that are placed too.
+/// inside out, with an image, colours of vertices and smooth normals, and lamps that are placed too.
 pub fn orchard() -> Scene {
     let camera = Camera::pinhole(dvec3(0.0, 2.5, 5.0), dvec3(0.0, 0.5, 0.0), 50.0);
     let mut textured = Material::diffuse(Vec3::ONE);
@@ -94,6 +95,6 @@ fn without_attributes(mut mesh: Mesh) -> Mesh {
     for triangle in &mut mesh.triangles {
         (triangle.normals, triangle.uvs) = ([NONE; 3], [NONE; 3]);
     }
-    (mesh.normals, mesh.uvs) = Default::default();
+    (mesh.normals, mesh.uvs, mesh.colours) = Default::default();
     mesh
 }

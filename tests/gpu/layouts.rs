@@ -180,7 +180,7 @@ fn arrays_step_by_the_size_of_their_elements() {
                 ("Control", "traced_samples") => 8,
                 ("RayQueue" | "SortedRays" | "Control" | "RayCount" | "WorkCount" | "Bins", _) => 4,
                 ("WorkCounts", _) => size_of::<WorkCount>() as u32,
-                ("Buffer_texture_coordinates" | "Buffer_textures", _) => 8,
+                ("Buffer_texture_coordinates" | "Buffer_vertex_colours" | "Buffer_textures", _) => 8,
                 _ => 16,
             };
             assert_eq!(member.array_stride, expected, "{}.{}", layout.name, member.name);

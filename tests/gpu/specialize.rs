@@ -100,7 +100,7 @@ fn what_a_scene_does_not_need_is_not_bound() {
 
     let any = Settings { specialize: false, ..explicit };
     let details = ["material_details", "punctual_lights"];
-    let data = ["normals", "texture_coordinates", "textures", "environment", "environment_splits"];
+    let data = ["normals", "texture_coordinates", "vertex_colours", "textures", "environment", "environment_splits"];
     assert_eq!(bound(&scene, &any), of(&[&always, &["throughputs", "stack_blocks"], &lights, &details, &data]));
 
     let sky = own_scene("textured-sky");

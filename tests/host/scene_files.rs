@@ -842,6 +842,18 @@ fn what_is_wrong_is_said_in_one_line_with_its_place() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
+#[test]
+fn vertices_have_colours() {
+    // Three numbers behind a position are a colour in sRGB; a weight, or a weight and a colour, are none.
+    let scene = scene_of("v 0 0 -3 1\nv 1 0 -3 1 0 0.5\nv 0 1 -3 1 0 1 0\nv 1 1 -3 0 0 0\nf 1 2 3\nf 2 4 3\n", "");
+    let half = (((0.5 + 0.055) / 1.055_f64).powf(2.4)) as f32;
+    let colours: Vec<Vec3> = (0..4).map(|position| scene.mesh.colour(position)).collect();
+    assert!((colours[1].z - half).abs() < 1e-6);
+    assert_eq!(colours, [Vec3::ONE, Vec3::new(1.0, 0.0, colours[1].z), Vec3::ONE, Vec3::ZERO]);
+    // White is no colour.
+    assert!(scene_of("v 0 0 -3 1 1 1\nv 1 0 -3\nv 0 1 -3\nf 1 2 3\n", "").mesh.colours.is_empty());
+}
+
 /// A face that is seen whatever else is wrong, and what is: the warning that tells of it, and the place of the first.
 #[test]
 fn what_a_scene_can_be_shown_without_is_told_once_a_kind() {
@@ -854,7 +866,7 @@ fn what_a_scene_can_be_shown_without_is_told_once_a_kind() {
         ("vt nan 0\nvt 1.#IND 0\nf 1/1 2/2 3/1\n", 7, "a texture coordinate that is not finite"),
         ("vn 0 0 -nan(ind)\nf 1//1 2//1 3//1\n", 6, "a normal that is not finite"),
         ("f 1 2\nf\nf 3\n", 5, "a face with 2 corners is left out"),
-        ("v 0 0 0 1 0 0\nv 0 0 0 1 0 0\n", 5, "colours of vertices are not shown"),
+        ("v 0 0 0 1 0 2\nv 0 0 0 -1 0 0\n", 5, "colours of vertices are clamped"),
     ] {
         let scene = obj(text);
         assert!(warns(&scene, &format!("m.obj:{at}: {says}")), "{says}: {:?}", scene.warnings);

@@ -14,7 +14,7 @@ struct SurfaceQuery {
 
 Surface surface_of(SurfaceQuery query) {
     return Surface(vec3(0.0), vec3(0.0), query.geometric_normal.xyz, query.shading_normal.xyz, query.shading_normal.xyz, vec2(0.0),
-        vec3(0.0), vec3(0.0), no_primitive(), query.material.x);
+        vec3(0.0), vec3(0.0), vec3(1.0), no_primitive(), query.material.x);
 }
 
 #endif

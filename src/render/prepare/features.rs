@@ -90,6 +90,8 @@ features! {
     beckmann, "Beckmann facets": |s| s.any_scattering(|m| m.is_rough() && m.is_beckmann);
     /// Some material makes up for light that its microfacets scatter more than once.
     compensation, "multiple scattering": |s| s.any_scattering(|m| m.is_rough() && m.compensates);
+    /// Vertices of some triangle have colours.
+    vertex_colours, "colours of vertices": |s| s.scene.meshes().any(|mesh| !mesh.colours.is_empty());
     /// Some material that scatters has a texture of diffuse reflectance.
     textures, "textures": |s| s.any_scattering(|m| m.texture(Parameter::Diffuse).is_some());
     /// Some material has a texture of another parameter.
@@ -305,6 +307,7 @@ impl Needs {
             anisotropy,
             beckmann,
             compensation,
+            vertex_colours,
             textures,
             detail_textures,
             normal_textures,
@@ -356,6 +359,7 @@ impl Needs {
             has_beckmann: beckmann,
             has_compensation: compensation,
             has_textures: textures,
+            has_vertex_colours: vertex_colours,
             has_detail_textures: detail_textures,
             has_normal_textures: normal_textures,
             has_lookups: lookups,

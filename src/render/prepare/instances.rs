@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::pack::{decode_normal, pack_coordinates, pack_normals};
+use super::pack::{decode_normal, pack_colours, pack_coordinates, pack_normals};
 use super::space::{Normalisation, normal_or_zero};
 use crate::layout::{Instance, Normals};
 use crate::scene::{Mesh, PlacedMesh, Placement, Scene};
@@ -23,8 +23,50 @@ pub(super) struct Soup {
     /// The number in the list of the first triangle of each instance, by the number of the instance: 0 is the world, then
     /// come placements.
     pub firsts: Vec<u32>,
-    normals: Vec<Normals>,
-    coordinates: Vec<Vec2>,
+    /// What else they have.
+    pub attributes: Attributes,
+}
+
+/// What triangles have beside corners and materials, as far as it is wanted.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Attributes {
+    pub normals: Vec<Normals>,
+    /// Texture coordinates, three a triangle.
+    pub coordinates: Vec<Vec2>,
+    /// Colours of vertices, three a triangle.
+    pub colours: Vec<[u32; 2]>,
+}
+
+impl Attributes {
+    fn of(mesh: &Mesh, wanted: Wanted) -> Self {
+        Self {
+            normals: if wanted.normals { pack_normals(mesh) } else { Vec::new() },
+            coordinates: if wanted.coordinates { pack_coordinates(mesh) } else { Vec::new() },
+            colours: if wanted.colours { pack_colours(mesh) } else { Vec::new() },
+        }
+    }
+
+    fn extend(&mut self, others: &Self) {
+        self.normals.extend(&others.normals);
+        self.coordinates.extend(&others.coordinates);
+        self.colours.extend(&others.colours);
+    }
+
+    /// Adds those of a mesh in its place.
+    fn extend_placed(&mut self, mesh: &Self, instance: &Instance) {
+        let normals = mesh.normals.iter().map(|normals| Normals {
+            corners: match normals.present {
+                0 => normals.corners,
+                _ => instance.place_corners(normals.corners, |bits| placed_normal(instance, bits)),
+            },
+            ..*normals
+        });
+        self.normals.extend(normals);
+        let coordinates = mesh.coordinates.as_chunks::<3>().0.iter();
+        self.coordinates.extend(coordinates.flat_map(|corners| instance.place_corners(*corners, |uv| uv)));
+        let colours = mesh.colours.as_chunks::<3>().0.iter();
+        self.colours.extend(colours.flat_map(|corners| instance.place_corners(*corners, |colour| colour)));
+    }
 }
 
 /// Triangles of a mesh, and where they are.
@@ -39,6 +81,7 @@ pub(super) struct Part {
 pub(super) struct Wanted {
     pub normals: bool,
     pub coordinates: bool,
+    pub colours: bool,
 }
 
 impl Soup {
@@ -53,16 +96,7 @@ impl Soup {
                 soup.materials.extend(mesh.mesh.triangles.iter().map(|triangle| triangle.material));
                 let place = |corner: Vec3| Vec3::from(instance.place(corner.to_array()));
                 soup.corners.extend(mesh.corners.iter().map(|corners| instance.place_corners(*corners, place)));
-                let normals = mesh.normals.iter().map(|normals| Normals {
-                    corners: match normals.present {
-                        0 => normals.corners,
-                        _ => instance.place_corners(normals.corners, |bits| placed_normal(&instance, bits)),
-                    },
-                    ..*normals
-                });
-                soup.normals.extend(normals);
-                let coordinates = mesh.coordinates.as_chunks::<3>().0.iter();
-                soup.coordinates.extend(coordinates.flat_map(|corners| instance.place_corners(*corners, |uv| uv)));
+                soup.attributes.extend_placed(&mesh.attributes, &instance);
             }
         }
         soup.parts = vec![Part { range: 0..soup.corners.len(), instances: vec![Instance::WORLD] }];
@@ -77,8 +111,7 @@ impl Soup {
             let first = soup.corners.len();
             soup.materials.extend(mesh.mesh.triangles.iter().map(|triangle| triangle.material));
             soup.corners.extend(&mesh.corners);
-            soup.normals.extend(&mesh.normals);
-            soup.coordinates.extend(&mesh.coordinates);
+            soup.attributes.extend(&mesh.attributes);
             let instances = placed.placements.iter().map(|placement| mesh.instance(placement, normalisation));
             soup.firsts.extend(placed.placements.iter().map(|_| first as u32));
             soup.parts.push(Part { range: first..soup.corners.len(), instances: instances.collect() });
@@ -99,15 +132,9 @@ impl Soup {
             parts: vec![Part { range: 0..corners.len(), instances: vec![Instance::WORLD] }],
             firsts: vec![0],
             materials: mesh.triangles.iter().map(|triangle| triangle.material).collect(),
-            normals: if wanted.normals { pack_normals(mesh) } else { Vec::new() },
-            coordinates: if wanted.coordinates { pack_coordinates(mesh) } else { Vec::new() },
+            attributes: Attributes::of(mesh, wanted),
             corners,
         }
-    }
-
-    /// Its normals and texture coordinates, where they were wanted.
-    pub(super) fn into_attributes(self) -> (Vec<Normals>, Vec<Vec2>) {
-        (self.normals, self.coordinates)
     }
 
     /// The triangles that may touch a box about `point`, in normalised space and in the scene's order: all but those of
@@ -144,8 +171,7 @@ struct OwnMesh<'a> {
     centre: DVec3,
     scale: f64,
     corners: Vec<[Vec3; 3]>,
-    normals: Vec<Normals>,
-    coordinates: Vec<Vec2>,
+    attributes: Attributes,
 }
 
 impl<'a> OwnMesh<'a> {
@@ -159,8 +185,7 @@ impl<'a> OwnMesh<'a> {
             centre,
             scale,
             corners: mesh.triangles.iter().map(|t| t.positions.map(|i| points[i as usize])).collect(),
-            normals: if wanted.normals { pack_normals(mesh) } else { Vec::new() },
-            coordinates: if wanted.coordinates { pack_coordinates(mesh) } else { Vec::new() },
+            attributes: Attributes::of(mesh, wanted),
         }
     }
 

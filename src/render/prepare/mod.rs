@@ -20,7 +20,7 @@ use thiserror::Error;
 
 use self::camera::camera_frame;
 pub use self::features::{FeatureFlag, Features, Needs};
-use self::instances::{Soup, Wanted};
+use self::instances::{Attributes, Soup, Wanted};
 use self::lights::{AreaLights, MAX_CELLS, brightness, punctual_probability, sky_probability};
 use self::microfacets::Tables;
 use self::pack::{pack_detail, pack_lights, pack_material, pack_textures};
@@ -86,6 +86,8 @@ pub struct PreparedScene {
     pub normals: Vec<Normals>,
     /// Three texture coordinates a triangle in the scene's order, if there are textures.
     pub texture_coordinates: Vec<Vec2>,
+    /// Colours of vertices, three a triangle in the order of the scene; empty where there are none.
+    pub vertex_colours: Vec<[u32; 2]>,
     /// Textures: sizes, lookups and texels as halves; then tables of microfacets.
     pub textures: Vec<[u32; 2]>,
     /// Texels of a lat-long environment.
@@ -181,7 +183,11 @@ impl PreparedScene {
         check_size(scene, kind, has_two_levels)?;
         let normalisation = Normalisation::of(scene);
         let mut features = Features::of(scene);
-        let wanted = Wanted { normals: features.normals, coordinates: features.has_coordinates() };
+        let wanted = Wanted {
+            normals: features.normals,
+            coordinates: features.has_coordinates(),
+            colours: features.vertex_colours,
+        };
         let soup = match has_two_levels {
             true => Soup::by_meshes(scene, &normalisation, wanted),
             false => Soup::flattened(scene, &normalisation, wanted),
@@ -255,7 +261,7 @@ impl PreparedScene {
             Environment::Black => {}
         }
         let firsts = soup.firsts.clone();
-        let (normals, texture_coordinates) = soup.into_attributes();
+        let Attributes { normals, coordinates, colours } = soup.attributes;
         Ok(Self {
             bvh,
             triangles,
@@ -265,7 +271,8 @@ impl PreparedScene {
             placed_lights,
             punctual_lights,
             normals,
-            texture_coordinates,
+            texture_coordinates: coordinates,
+            vertex_colours: colours,
             textures,
             environment: sky.texels,
             environment_splits: sky.splits,
@@ -430,7 +437,7 @@ fn tree_of_instances(soup: &Soup) -> Bvh {
 impl PreparedScene {
     /// The scene's buffers. What the scene has no data for is one word or, without specialization, as
     /// long as if each triangle had some.
-    pub fn buffers(&self, specialize: bool) -> [SceneBuffer<'_>; 13] {
+    pub fn buffers(&self, specialize: bool) -> [SceneBuffer<'_>; 14] {
         let triangles = if specialize { 1 } else { self.triangles.len() as u64 };
         let details = if specialize { 1 } else { u64::from(MATERIAL_DETAIL_TEXELS) * self.materials.len() as u64 };
         fn buffer<'a>(name: &'static str, texel_bytes: u64, contents: &'a [u8], least: u64) -> SceneBuffer<'a> {
@@ -447,6 +454,7 @@ impl PreparedScene {
             buffer("placed_lights", 8, bytemuck::cast_slice(&self.placed_lights), 8),
             buffer("normals", 16, bytemuck::cast_slice(&self.normals), 16 * triangles),
             buffer("texture_coordinates", 8, bytemuck::cast_slice(&self.texture_coordinates), 3 * 8 * triangles),
+            buffer("vertex_colours", 8, bytemuck::cast_slice(&self.vertex_colours), 3 * 8 * triangles),
             buffer("textures", 8, bytemuck::cast_slice(&self.textures), 8),
             buffer("environment", 16, bytemuck::cast_slice(&self.environment), 16),
             buffer("environment_splits", 16, bytemuck::cast_slice(&self.environment_splits), 16),

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use glam::{DVec3, Vec2, Vec3};
+use half::f16;
 
 use super::features::bsdf_of;
 use super::lights::brightness;
@@ -127,6 +128,17 @@ pub(super) fn decode_normal(bits: u32) -> Vec3 {
 pub(super) fn pack_coordinates(mesh: &scene::Mesh) -> Vec<Vec2> {
     let corner = |&i: &u32| if i == scene::NONE { Vec2::ZERO } else { mesh.uvs[i as usize] };
     mesh.triangles.iter().flat_map(|triangle| triangle.uvs.iter().map(corner).collect::<Vec<_>>()).collect()
+}
+
+/// Colours of the corners of triangles: halves, the fourth of which is 1 where the triangle has some.
+pub(super) fn pack_colours(mesh: &scene::Mesh) -> Vec<[u32; 2]> {
+    let half = |value: f32| u32::from(f16::from_f32(value.min(f16::MAX.to_f32())).to_bits());
+    let corners = |triangle: &scene::Triangle| {
+        let colours = triangle.positions.map(|position| mesh.colour(position));
+        let present = if colours == [Vec3::ONE; 3] { 0.0 } else { 1.0 };
+        colours.map(|Vec3 { x, y, z }| [half(x) | half(y) << 16, half(z) | half(present) << 16])
+    };
+    mesh.triangles.iter().flat_map(corners).collect()
 }
 
 /// All textures that some triangle shows in one buffer, and where each begins.

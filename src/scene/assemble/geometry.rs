@@ -10,7 +10,7 @@ use crate::scene::{
     Mesh, NONE, PlacedMesh, Placement, Triangle,
     error::{Location, SceneError},
     import::{self, FARTHEST, Instance},
-    sources::{Sources, Warning},
+    sources::Sources,
     transform::Transform,
 };
 
@@ -18,6 +18,8 @@ use crate::scene::{
 pub(super) struct Dressing {
     /// Of each described material, without texture coordinates and with them: what was made of it, and whether it needs them.
     made: Vec<[Option<(u32, bool)>; 2]>,
+    /// Whether vertices of some triangle have a colour.
+    is_coloured: bool,
 }
 
 impl Dressing {
@@ -39,11 +41,7 @@ impl Dressing {
         }
 
         let is_coloured = |triangle: &Triangle| triangle.positions.iter().any(|index| !imported.is_white(*index));
-        if imported.triangles.par_iter().any(is_coloured) {
-            let text = "colours of vertices are not shown; give the material an image".to_owned();
-            sources.note(&Warning { kind: "vertex colours", location: imported.location.clone(), text });
-        }
-        Ok(Self { made })
+        Ok(Self { made, is_coloured: imported.triangles.par_iter().any(is_coloured) })
     }
 
     /// Whether some material needs texture coordinates.
@@ -95,8 +93,9 @@ impl PlacedMesh {
         dressing: &Dressing,
         placements: Vec<Placement>,
     ) -> Result<(Self, usize), SceneError> {
-        let import::Mesh { location, positions, normals, uvs, triangles, .. } = imported;
-        let mut mesh = Mesh { positions, ..Mesh::default() };
+        let import::Mesh { location, positions, normals, uvs, colours, triangles } = imported;
+        let colours = if dressing.is_coloured { colours } else { Vec::new() };
+        let mut mesh = Mesh { positions, colours, ..Mesh::default() };
         let mut places = Vec::with_capacity(normals.len());
         for normal in normals {
             let unit = Transform::IDENTITY.normal(normal);
@@ -175,6 +174,9 @@ impl Mesh {
             // The last instance has the vertices and triangles themselves: of large meshes there is mostly one.
             let is_last = rest.is_empty();
             let first_position = self.positions.len();
+            if dressing.is_coloured {
+                self.add_colours(&imported.colours);
+            }
             let mut points = if is_last { mem::take(&mut imported.positions) } else { imported.positions.clone() };
             points.par_iter_mut().for_each(|point| *point = transform.point(*point));
             // Written so that NaN is too far as well.

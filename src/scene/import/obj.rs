@@ -6,7 +6,7 @@ use std::{
     rc::Rc,
 };
 
-use glam::{DVec3, Vec2};
+use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::{
@@ -14,6 +14,7 @@ use super::{
     mtl::{self, Library},
     polygons::Polygons,
 };
+use crate::image::srgb;
 use crate::scene::{
     NONE, Triangle,
     error::{Location, SceneError},
@@ -152,8 +153,11 @@ fn read(
     if triangles.is_empty() {
         return Err(location.refuse("no faces; export the mesh with its polygons"));
     }
-    let Vertices { positions, uvs, normals, .. } = vertices;
-    Ok((Mesh { location, positions, normals, uvs, colours: Vec::new(), triangles }, faces))
+    let Vertices { positions, uvs, normals, mut colours, .. } = vertices;
+    if !colours.is_empty() {
+        colours.resize(positions.len(), Vec3::ONE);
+    }
+    Ok((Mesh { location, positions, normals, uvs, colours, triangles }, faces))
 }
 
 /// The files of an `mtllib` line: one name with blanks where such a file exists, else several.
@@ -199,6 +203,8 @@ struct Vertices {
     positions: Vec<DVec3>,
     uvs: Vec<Vec2>,
     normals: Vec<DVec3>,
+    /// Linear colours of positions, up to the last one that has some; the others are white.
+    colours: Vec<Vec3>,
     /// Places of positions that are not finite, with their lines and what stands there. No face may have one.
     bad_positions: HashMap<u32, Fault>,
     /// Places of texture coordinates, and of normals, that are not finite: faces are taken not to have them.
@@ -217,6 +223,10 @@ impl Vertices {
         self.bad_positions.extend(bad_positions.map(|(place, fault)| (positions as u32 + place, fault)));
         for (kind, above) in others.into_iter().enumerate() {
             self.bad[kind].extend(below.bad[kind].iter().map(|place| above as u32 + place));
+        }
+        if !below.colours.is_empty() {
+            self.colours.resize(positions, Vec3::ONE);
+            self.colours.append(&mut below.colours);
         }
         self.positions.append(&mut below.positions);
         self.uvs.append(&mut below.uvs);
@@ -285,8 +295,23 @@ fn read_vertices_of(part: Part) -> Result<(Vertices, Option<UseMaterial>, Notes)
             let problem = format!("a {} needs {needed} numbers and has {found}; complete the line", KINDS[kind]);
             return Err((line, problem));
         }
-        if kind == 0 && words.nth(2).is_some() {
-            notes.note("vertex colours", line, "colours of vertices are not shown; give a Kd or a map_Kd");
+        if kind == 0 {
+            let mut signals = [f64::NAN; 3];
+            let found = signals
+                .iter_mut()
+                .zip(words.by_ref())
+                .map(|(slot, word)| *slot = number(word).unwrap_or(f64::NAN))
+                .count();
+            // A fourth number would be a weight in front of them.
+            let has_colour = found == 3 && words.next().is_none();
+            if has_colour && !signals.iter().all(|signal| (0.0..=1.0).contains(signal)) {
+                notes.note("vertex colours", line, "colours of vertices are clamped to [0, 1]");
+            }
+            if has_colour {
+                let linear = |signal: f64| srgb::decode(signal.max(0.0).min(1.0)) as f32;
+                vertices.colours.resize(vertices.positions.len(), Vec3::ONE);
+                vertices.colours.push(Vec3::from(signals.map(linear)));
+            }
         }
         let [x, y, z] = numbers;
         match kind {

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
+use raywave::scene::Scene;
 use raywave::settings::Integrator::{self, Explicit, Implicit, Mis};
 use raywave::settings::{Sampler, Settings};
 use raywave_studies::stats::{sidak_level, z_test};
@@ -67,10 +68,21 @@ pub fn assert_image(
     bias: f64,
     radiance: impl Fn(DVec3) -> DVec3,
 ) {
-    let expected = pixel_means(&stage.view, settings.width, radiance);
-    let scene = stage.scene();
+    assert_image_of(device, case, (&stage.scene(), &stage.view), settings, bias, radiance);
+}
+
+/// The same of a scene that something was done to.
+pub fn assert_image_of(
+    device: &Device,
+    case: &str,
+    (scene, view): (&Scene, &View),
+    settings: Settings,
+    bias: f64,
+    radiance: impl Fn(DVec3) -> DVec3,
+) {
+    let expected = pixel_means(view, settings.width, radiance);
     for integrator in ALL {
-        let film = render_on(device, &scene, &Settings { integrator, ..settings }).film;
+        let film = render_on(device, scene, &Settings { integrator, ..settings }).film;
         assert_agrees(&format!("{case}, {integrator:?}"), &film, &expected, bias);
     }
 }

@@ -35,6 +35,22 @@ fn a_corridor_of_mirrors_dims_by_each_reflection() {
     }
 }
 
+/// Colours of vertices multiply the diffuse reflectance. Where they grow in proportion to a distance, so does what a floor
+/// shows of a sky of 1.
+#[test]
+fn a_floor_has_the_colours_of_its_vertices() {
+    let device = device();
+    let view = View::new(dvec3(0.0, 3.0, 0.0), DVec3::ZERO, 60.0);
+    let stage = Stage::new(view).sky(1.0).material("Kd 0.5 0.8 1").square(DVec3::ZERO, DVec3::Y, 4.0);
+    let mut scene = stage.scene();
+    let colour = |point: DVec3| dvec3(0.5 + 0.1 * point.x, 1.0, 0.4 - 0.05 * point.z);
+    scene.mesh.colours = scene.mesh.positions.iter().map(|point| colour(*point).as_vec3()).collect();
+    // Colours are halves.
+    assert_image_of(&device, "a coloured floor", (&scene, &stage.view), settings(32, 64, 1), 1e-3, |d| {
+        dvec3(0.5, 0.8, 1.0) * colour(dvec3(0.0, 3.0, 0.0) + d * (-3.0 / d.y))
+    });
+}
+
 /// What a Phong lobe of weight 1 reflects of a sky of 1, seen under an angle: the integral of
 /// (Ns + 1) / 2π cos^Ns α cos θ over the hemisphere, by midpoints in cos^(Ns+1) α and the angle
 /// around the mirror direction.
