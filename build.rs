@@ -2,7 +2,7 @@
 //! `tests/shaders/`, kernels that let the tests call single functions, what `shaders/facts/` measures a device by, the
 //! kernels of the self-test and those of the examples, each into a table of its own.
 //!
-//! Each `NAME.comp` is compiled once for every [`Edition`] and every `Access`. From the SPIR-V itself
+//! Each `NAME.comp` is compiled once; its specialization constants make of it what a render needs. From the SPIR-V itself
 //! come the bindings, their access, the push-constant size and the block layouts that the tests
 //! compare with the Rust structs. Every shader error is reported before the build fails. Every arithmetic is tried on
 //! every kernel; the host puts one into a kernel when it builds it. The crate `raywave-shaders` has what is done to
@@ -16,8 +16,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::{env, fs, process, thread};
 
 use raywave_shaders::{
-    Access, Arithmetic, BuiltModule, Edition, Form, Forms, Library, Reflection, Table, Variant, checks, deflate,
-    fetch_texels, lower, passes, variants,
+    Arithmetic, BuiltModule, Form, Forms, Kernel, Library, Reflection, SWITCHES, Switch, Table, checks, deflate,
+    fetch_texels, lower, passes,
 };
 use rspirv::binary::Assemble;
 use rspirv::dr::Module;
@@ -32,18 +32,13 @@ use constants::{Specialization, SpecializationConstant};
 const LIBRARIES: [(&str, &str); 2] =
     [("PORTABLE", "shaders/arithmetic/portable.glsl"), ("HOSTILE", "tests/shaders/hostile.glsl")];
 
-/// Kernels that are built from another's file: name, file and the macro that makes them what they are.
-const FORMS: [(&str, &str, &str); 4] = [
-    ("bounce_packets", "bounce", "PACKETS"),
-    ("connect_packets", "connect", "PACKETS"),
-    ("extend_packets", "extend", "PACKETS"),
-    ("traversal_packets", "traversal", "PACKETS"),
-];
+/// Kernels that have a form in which the rays of a subgroup traverse a tree together: `NAME_packets`.
+const IN_PACKETS: [&str; 4] = ["bounce", "connect", "extend", "traversal"];
 
 /// Where the kernels' own functions lie, and then what the self-test's kernels share, and probes.
 const INCLUDES: [&str; 3] = ["shaders/include", SELFTEST, PROBES];
 
-/// The folder of the self-test's kernels, which need only the plain edition.
+/// The folder of the self-test's kernels.
 const SELFTEST: &str = "shaders/selftest";
 
 /// The probes' folder. A packaged source need not have it.
@@ -65,11 +60,9 @@ fn main() {
         LIBRARIES.map(|(name, path)| compile_library(name, path, &out).unwrap_or_else(|error| fail(&[error])));
     forget_other_scripts(&out);
     let texts = Texts { out: out.clone(), modules: Mutex::default() };
-    let kernels = table("shaders", &Edition::ALL, Some(&portable), &texts);
-    let probes = table(PROBES, &[Edition::Plain], Some(&portable), &texts);
+    let [kernels, probes] = ["shaders", PROBES].map(|folder| table(folder, Some(&portable), &texts));
     // These ask what the device itself does, or are not part of a render.
-    let [facts, selftest, examples] =
-        [FACTS, SELFTEST, EXAMPLES].map(|folder| table(folder, &[Edition::Plain], None, &texts));
+    let [facts, selftest, examples] = [FACTS, SELFTEST, EXAMPLES].map(|folder| table(folder, None, &texts));
 
     let tables = [&kernels, &probes, &facts, &selftest, &examples];
     let errors: Vec<String> = tables.into_iter().flat_map(|table| table.as_ref().err()).flatten().cloned().collect();
@@ -91,87 +84,72 @@ fn fail(errors: &[String]) -> ! {
     process::exit(1);
 }
 
-/// A kernel: its name, its file, and the macro that makes a form of it.
-type Source = (String, PathBuf, Option<&'static str>);
-
 /// The kernels of a folder, sorted by name, or what is wrong with each that does not compile.
-fn table(folder: &str, editions: &[Edition], portable: Option<&Library>, texts: &Texts) -> Result<Table, Vec<String>> {
+fn table(folder: &str, portable: Option<&Library>, texts: &Texts) -> Result<Table, Vec<String>> {
     let mut paths: Vec<PathBuf> = match fs::read_dir(folder) {
         Ok(entries) => entries.map(|entry| entry.expect("a shader folder can be read").path()).collect(),
         Err(_) if folder == PROBES => Vec::new(),
         Err(error) => return Err(vec![format!("{folder}: {error}")]),
     };
     paths.retain(|path| path.extension().is_some_and(|extension| extension == "comp"));
-    let mut sources: Vec<Source> = Vec::new();
-    for path in paths {
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let forms = FORMS.iter().filter(|(_, file, _)| *file == name);
-        sources.extend(forms.map(|(form, _, macro_name)| ((*form).to_owned(), path.clone(), Some(*macro_name))));
-        sources.push((name, path, None));
-    }
-    sources.sort();
+    paths.sort();
 
     // In threads: the kernels take half a minute one after the other.
-    let compiled: Vec<_> = thread::scope(|scope| {
-        let compile = |source| scope.spawn(move || compile_variants(source, editions, portable, texts));
-        let threads: Vec<_> = sources.iter().map(compile).collect();
+    let built: Vec<_> = thread::scope(|scope| {
+        let threads: Vec<_> =
+            paths.iter().map(|path| scope.spawn(move || build_kernel(path, portable, texts))).collect();
         threads.into_iter().map(|thread| thread.join().expect("a kernel that does not compile is an error")).collect()
     });
     let (mut table, mut errors) = (Table::default(), Vec::new());
-    for ((name, ..), compiled) in sources.iter().zip(compiled) {
-        match compiled {
-            Ok(variants) => table.add(name, &variants),
+    for (path, built) in paths.iter().zip(built) {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        match built {
+            Ok(built) => {
+                table.add(&name, &built, false);
+                if IN_PACKETS.contains(&&*name) {
+                    table.add(&format!("{name}_packets"), &built, true);
+                }
+            }
             Err(error) => errors.push(error),
         }
     }
     if errors.is_empty() { Ok(table) } else { Err(errors) }
 }
 
-/// The variants of a kernel. They fail alike, so the first error is enough.
-fn compile_variants(
-    (_, path, form): &Source,
-    editions: &[Edition],
-    portable: Option<&Library>,
-    texts: &Texts,
-) -> Result<Vec<(BuiltModule, bool)>, String> {
+fn build_kernel(path: &Path, portable: Option<&Library>, texts: &Texts) -> Built {
     let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
     let source = fs::read_to_string(path).expect("a listed shader can be read");
-    let variant = |(edition, access): (Edition, Access)| {
-        let macros: Vec<&str> = access.macro_name().into_iter().chain(edition.macro_name()).chain(*form).collect();
-        let options = kernel_options(&macros);
-        let text = preprocess(&compiler, path, &source, &options)?;
-        let built = texts.module_of(&text, |file| {
-            let mut module = match kept(file, &text) {
-                Some(module) => module,
-                None => {
-                    let module = compile(&compiler, path, &source, &options)?;
-                    check(&module, portable).map_err(|error| format!("{}: {error}", path.display()))?;
-                    keep(file, &text, &module);
-                    module
-                }
-            };
-            let wrong = |error| format!("{}: {error}", path.display());
-            let reflection = Reflection::of(&module).map_err(wrong)?;
-            let mut texels = module.clone();
-            fetch_texels(&mut texels, Variant::SCENE_SET).map_err(wrong)?;
-            let by_texels = Reflection::of(&texels).map_err(wrong)?;
-            // For profilers that show sources.
-            if !has_source() {
-                module.debug_names.clear();
+    let options = kernel_options();
+    let text = preprocess(&compiler, path, &source, &options)?;
+    texts.module_of(&text, |file| {
+        let mut module = match kept(file, &text) {
+            Some(module) => module,
+            None => {
+                let module = compile(&compiler, path, &source, &options)?;
+                check(&module, portable).map_err(|error| format!("{}: {error}", path.display()))?;
+                keep(file, &text, &module);
+                module
             }
-            let (file, bytes) = (file.with_extension("zlib"), deflate(&module.assemble()));
-            fs::write(&file, &bytes).expect("OUT_DIR can be written");
-            Ok(BuiltModule { file, size: bytes.len(), reflection, by_texels })
-        });
-        Ok((built?, access.texel_fetch))
-    };
-    variants(editions).map(variant).collect()
+        };
+        let wrong = |error| format!("{}: {error}", path.display());
+        let reflection = Reflection::of(&module).map_err(wrong)?;
+        let mut texels = module.clone();
+        fetch_texels(&mut texels, Kernel::SCENE_SET).map_err(wrong)?;
+        let by_texels = Reflection::of(&texels).map_err(wrong)?;
+        // For profilers that show sources.
+        if !has_source() {
+            module.debug_names.clear();
+        }
+        let (file, bytes) = (file.with_extension("zlib"), deflate(&module.assemble()));
+        fs::write(&file, &bytes).expect("OUT_DIR can be written");
+        Ok(BuiltModule { file, size: bytes.len(), reflection, by_texels })
+    })
 }
 
 /// A module, or why it does not compile.
 type Built = Result<BuiltModule, String>;
 
-/// The module of each preprocessed text: variants and forms that read alike are one.
+/// The module of each preprocessed text.
 struct Texts {
     out: PathBuf,
     modules: Mutex<HashMap<u64, Arc<OnceLock<Built>>>>,
@@ -247,11 +225,8 @@ fn compile_options(level: shaderc::OptimizationLevel) -> shaderc::CompileOptions
     options
 }
 
-fn kernel_options(macros: &[&str]) -> shaderc::CompileOptions<'static> {
+fn kernel_options() -> shaderc::CompileOptions<'static> {
     let mut options = compile_options(shaderc::OptimizationLevel::Performance);
-    for name in macros {
-        options.add_macro_definition(name, Some("1"));
-    }
     options.set_include_callback(|requested, _, _, _| {
         if let Some(content) = generated(requested) {
             return Ok(shaderc::ResolvedInclude { resolved_name: requested.to_owned(), content });
@@ -264,7 +239,7 @@ fn kernel_options(macros: &[&str]) -> shaderc::CompileOptions<'static> {
     options
 }
 
-/// A variant's text with its includes, and without what its macros leave out.
+/// A kernel's text with its includes.
 fn preprocess(
     compiler: &shaderc::Compiler,
     path: &Path,
@@ -281,7 +256,7 @@ fn preprocess(
     Ok(text)
 }
 
-/// Compiles one variant of a kernel.
+/// Compiles a kernel.
 fn compile(
     compiler: &shaderc::Compiler,
     path: &Path,
@@ -342,6 +317,7 @@ fn generated(include: &str) -> Option<String> {
     match include {
         "constants.glsl" => Some(glsl_constants()),
         "specialization_constants.glsl" => Some(glsl_specialization_constants()),
+        "switches.glsl" => Some(glsl_switches()),
         "listed_triangles.glsl" => Some(glsl_listed_triangles()),
         _ => None,
     }
@@ -376,6 +352,14 @@ fn glsl_specialization_constants() -> String {
 fn workgroup_size_id() -> u32 {
     let id = Specialization::TABLE.iter().position(|constant| constant.name == "workgroup_size");
     id.expect("the table has the size of a workgroup") as u32
+}
+
+/// The specialization constants that `raywave-shaders` sets.
+fn glsl_switches() -> String {
+    SWITCHES.iter().fold(String::new(), |mut text, Switch { name, id, meaning }| {
+        writeln!(text, "// {meaning}\nlayout(constant_id = {id}) const bool {name} = false;").expect("strings grow");
+        text
+    })
 }
 
 /// The specialization constants that hold the vertices of listed triangles, and an initialiser of an

@@ -12,7 +12,7 @@ use raywave::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription}
 use raywave::recording::Recording;
 use raywave::scene::Scene;
 use raywave::settings::Settings;
-use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Kernel, Variant};
+use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Kernel};
 
 include!(concat!(env!("OUT_DIR"), "/examples.rs"));
 

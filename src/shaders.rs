@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 pub use raywave_shaders::{
     Access, Arithmetic, Binding, BindingKind, Build, Edition, Form, Forms, Kernel, Library, Member, Promises,
-    Reconvergence, Specialized, StructLayout, Variant,
+    Reconvergence, SWITCHES, Specialized, StructLayout,
 };
 
 /// Functions in raywave's arithmetic that stand for operations of kernels.
@@ -18,7 +18,7 @@ include!(concat!(env!("OUT_DIR"), "/kernels.rs"));
 
 /// The self-test's kernels, of `shaders/selftest`.
 pub mod selftest {
-    use super::{Binding, BindingKind, Kernel, Variant};
+    use super::{Binding, BindingKind, Kernel};
 
     include!(concat!(env!("OUT_DIR"), "/selftest.rs"));
 }

@@ -7,16 +7,17 @@
 // Adds one to COUNTER for every invocation whose WANTED holds and yields its PLACE. Call it in uniform control flow. Any
 // lanes that are active together may call it, as long as they reconverge behind the branch of the one that counts: the
 // host builds kernels with ballots only where the driver promises that.
-#ifdef SUBGROUP_BALLOT
 #define APPEND(COUNTER, WANTED, PLACE) { \
-    uvec4 takers = subgroupBallot(WANTED); \
-    uint first = 0u; \
-    if (subgroupElect()) first = atomicAdd(COUNTER, subgroupBallotBitCount(takers)); \
-    PLACE = subgroupBroadcastFirst(first) + subgroupBallotExclusiveBitCount(takers); \
+    if (HAS_BALLOTS) { \
+        uvec4 takers = subgroupBallot(WANTED); \
+        uint first = 0u; \
+        if (subgroupElect()) first = atomicAdd(COUNTER, subgroupBallotBitCount(takers)); \
+        PLACE = subgroupBroadcastFirst(first) + subgroupBallotExclusiveBitCount(takers); \
+    } else { \
+        PLACE = 0u; \
+        if (WANTED) PLACE = atomicAdd(COUNTER, 1u); \
+    } \
 }
-#else
-#define APPEND(COUNTER, WANTED, PLACE) { PLACE = 0u; if (WANTED) PLACE = atomicAdd(COUNTER, 1u); }
-#endif
 
 // Stores a path that goes on and queues it for the next bounce. Call it in uniform control flow.
 void queue_path(bool continues, uint slot, Path path) {

@@ -1,10 +1,9 @@
-// Subgroup operations, in the builds that have them.
+// Subgroup operations. A device without them is handed kernels that have none: they stand under HAS_BALLOTS.
 #ifndef SUBGROUP_GLSL
 #define SUBGROUP_GLSL
-#ifdef SUBGROUP_BALLOT
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_vote : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
-#endif
+#include "switches.glsl"
 #endif

@@ -19,17 +19,10 @@ vec4 bytes(uint word) { return vec4(ivec4((uvec4(word) >> uvec4(0u, 8u, 16u, 24u
 
 // Packet traversal: the rays of a subgroup traverse the tree together, through every node that one of them enters, so
 // that no lane waits for another's nodes; each intersects its own triangles. Single rays traverse it each on its own.
-#if defined(PACKETS) && defined(SUBGROUP_BALLOT)
-uint entered_by_any(uint children) { return subgroupOr(children); }
-bool any_ray(bool is) { return subgroupAny(is); }
-bool all_rays(bool are) { return subgroupAll(are); }
-uint of_first_ray(uint octant) { return subgroupBroadcastFirst(octant); }
-#else
-uint entered_by_any(uint children) { return children; }
-bool any_ray(bool is) { return is; }
-bool all_rays(bool are) { return are; }
-uint of_first_ray(uint octant) { return octant; }
-#endif
+uint entered_by_any(uint children) { return IN_PACKETS ? subgroupOr(children) : children; }
+bool any_ray(bool is) { return IN_PACKETS ? subgroupAny(is) : is; }
+bool all_rays(bool are) { return IN_PACKETS ? subgroupAll(are) : are; }
+uint of_first_ray(uint octant) { return IN_PACKETS ? subgroupBroadcastFirst(octant) : octant; }
 
 // A ray as nodes see it.
 struct GridRay {

@@ -1,10 +1,8 @@
-// Counts what traversal and shading do. Only the counting edition does: elsewhere these functions are empty.
+// Counts what traversal and shading do, under COUNTS_WORK.
 #ifndef WORK_GLSL
 #define WORK_GLSL
 #include "constants.glsl"
 #include "subgroup.glsl"
-
-#ifdef COUNTING
 
 // Sums over the items of a stage at one bounce: low and high half.
 struct WorkCount {
@@ -22,21 +20,25 @@ uint work_nodes = 0u;
 uint work_triangles = 0u;
 uint work_steps = 0u;
 
-// Of the lanes that are active in a step, one counts it.
 void count_step() {
-#ifdef SUBGROUP_BALLOT
-    work_steps += subgroupElect() ? 1u : 0u;
-#endif
+    // Of the lanes that are active in a step, one counts it.
+    if (COUNTS_WORK && HAS_BALLOTS) {
+        work_steps += subgroupElect() ? 1u : 0u;
+    }
 }
 
 void count_node() {
-    work_nodes += 1u;
-    count_step();
+    if (COUNTS_WORK) {
+        work_nodes += 1u;
+        count_step();
+    }
 }
 
 void count_triangle() {
-    work_triangles += 1u;
-    count_step();
+    if (COUNTS_WORK) {
+        work_triangles += 1u;
+        count_step();
+    }
 }
 
 void count_vertex() { count_step(); }
@@ -45,22 +47,16 @@ void count_vertex() { count_step(); }
 
 // Ends an item: adds its counts to its stage and starts anew.
 void count_item(uint stage, uint bounce) {
-    uint index = STAGES * min(bounce, COUNTED_BOUNCES - 1u) + stage;
-    ATOMIC_ADD_WIDE(work_counts.stages[index].items, 1u)
-    ATOMIC_ADD_WIDE(work_counts.stages[index].nodes, work_nodes)
-    ATOMIC_ADD_WIDE(work_counts.stages[index].triangles, work_triangles)
-    ATOMIC_ADD_WIDE(work_counts.stages[index].steps, work_steps)
-    work_nodes = 0u;
-    work_triangles = 0u;
-    work_steps = 0u;
+    if (COUNTS_WORK) {
+        uint index = STAGES * min(bounce, COUNTED_BOUNCES - 1u) + stage;
+        ATOMIC_ADD_WIDE(work_counts.stages[index].items, 1u)
+        ATOMIC_ADD_WIDE(work_counts.stages[index].nodes, work_nodes)
+        ATOMIC_ADD_WIDE(work_counts.stages[index].triangles, work_triangles)
+        ATOMIC_ADD_WIDE(work_counts.stages[index].steps, work_steps)
+        work_nodes = 0u;
+        work_triangles = 0u;
+        work_steps = 0u;
+    }
 }
 
-#else
-
-void count_node() {}
-void count_triangle() {}
-void count_vertex() {}
-void count_item(uint stage, uint bounce) {}
-
-#endif
 #endif

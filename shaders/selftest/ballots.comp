@@ -14,16 +14,12 @@ struct Answer {
 layout(set = 2, binding = 1, std430) writeonly buffer Answers { Answer items[]; } answers;
 
 Answer ask(uint word) {
-#ifdef SUBGROUP_BALLOT
     uint subgroup = gl_WorkGroupID.x * gl_NumSubgroups + gl_SubgroupID;
     uvec4 mask = subgroupBallot(true);
     uint first = subgroupBroadcastFirst(gl_SubgroupInvocationID);
     return Answer(mask, uvec4(subgroup, gl_SubgroupInvocationID, first, uint(subgroupElect())),
         uvec4(subgroupBallotExclusiveBitCount(mask), uint(subgroupAny((word & 1u) != 0u)),
             uint(subgroupAll((word & 1u) != 0u)), subgroupOr(word)));
-#else
-    return Answer(uvec4(0u), uvec4(0u), uvec4(0u));
-#endif
 }
 
 void main() {

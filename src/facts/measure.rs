@@ -9,7 +9,7 @@ use crate::constants::{NODE_TEXELS, Specialization};
 use crate::gpu::{BufferRole, BufferUse, Device, Executor, ExecutorDescription, GpuError};
 use crate::layout::Batch;
 use crate::recording::Recording;
-use crate::shaders::{Access, Binding, BindingKind, Edition, Kernel, Variant};
+use crate::shaders::{Access, Binding, BindingKind, Edition, Kernel};
 
 include!(concat!(env!("OUT_DIR"), "/facts.rs"));
 

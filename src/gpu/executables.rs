@@ -103,12 +103,11 @@ impl FigureValue {
 pub(super) fn compiled_kernels(
     shared: &Arc<Shared>,
     kernels: &[(&'static str, Specialized)],
-    specialization: &[u32],
 ) -> Result<Option<Vec<CompiledKernel>>, GpuError> {
     if !shared.description.tells_executables {
         return Ok(None);
     }
-    let pipelines = Pipelines::to_be_described(shared, kernels, specialization)?;
+    let pipelines = Pipelines::to_be_described(shared, kernels)?;
     let loader = khr::pipeline_executable_properties::Device::new(&shared.instance.raw, &shared.raw);
     let compiled = pipelines.names().into_iter().map(|kernel| {
         let pipeline = pipelines.get(kernel).pipeline;

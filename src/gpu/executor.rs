@@ -54,7 +54,6 @@ pub struct Executor {
     memory_bytes: u64,
     /// What the pipelines were built from.
     kernels: Vec<(&'static str, Specialized)>,
-    specialization: Vec<u32>,
     pub(super) device: Arc<Shared>,
 }
 
@@ -70,16 +69,17 @@ impl Executor {
         let limits = &shared.description;
         let wanted = description.access;
         let access = Access { subgroup_ballot: wanted.subgroup_ballot && limits.subgroup_ballot, ..wanted };
-        let build = Build {
-            constants: description.specialization,
-            arithmetic: description.arithmetic,
-            driver: description.driver,
-            promises: limits.promises,
-        };
         let specialized = |access| -> Vec<_> {
-            let variants =
-                description.kernels.iter().map(|kernel| (kernel.name, kernel.variant(description.edition, access)));
-            variants.map(|(name, variant)| (name, variant.specialize(&build, portable_library()))).collect()
+            let build = Build {
+                constants: description.specialization,
+                access,
+                edition: description.edition,
+                arithmetic: description.arithmetic,
+                driver: description.driver,
+                promises: limits.promises,
+            };
+            let specialize = |kernel: &&'static Kernel| (kernel.name, kernel.specialize(&build, portable_library()));
+            description.kernels.iter().map(specialize).collect()
         };
         let specializing = shared.stages().begin("specialize kernels");
         // What kernels bind does not depend on how they reach it, and what none binds takes no memory.
@@ -103,7 +103,7 @@ impl Executor {
         drop(specializing);
         let compiling = shared.stages().begin("compile kernels");
         let start = Instant::now();
-        let pipelines = Pipelines::new(shared, &kernels, description.specialization)?;
+        let pipelines = Pipelines::new(shared, &kernels)?;
         let pipelines_time = start.elapsed();
         drop(compiling);
         let uploading = shared.stages().begin("upload");
@@ -119,7 +119,6 @@ impl Executor {
             access,
             memory_bytes: bytes,
             kernels,
-            specialization: description.specialization.to_vec(),
             device: Arc::clone(shared),
         };
         executor.make_slots()?;
@@ -232,7 +231,7 @@ impl Executor {
     /// # Errors
     /// When a kernel cannot be built.
     pub fn compiled_kernels(&self) -> Result<Option<Vec<CompiledKernel>>, GpuError> {
-        compiled_kernels(&self.device, &self.kernels, &self.specialization)
+        compiled_kernels(&self.device, &self.kernels)
     }
 
     /// Instructions of each kernel's SPIR-V that can run, by name.

@@ -38,28 +38,19 @@ pub(super) struct Built {
 }
 
 impl Pipelines {
-    /// Builds kernels by name. `specialization[i]` is the constant of id `i`.
-    pub fn new(
-        device: &Arc<Shared>,
-        kernels: &[(&'static str, Specialized)],
-        specialization: &[u32],
-    ) -> Result<Self, GpuError> {
-        Self::with_flags(device, kernels, specialization, vk::PipelineCreateFlags::empty())
+    /// Builds kernels by name.
+    pub fn new(device: &Arc<Shared>, kernels: &[(&'static str, Specialized)]) -> Result<Self, GpuError> {
+        Self::with_flags(device, kernels, vk::PipelineCreateFlags::empty())
     }
 
     /// As [`Pipelines::new`], for pipelines that the driver is to be asked about.
-    pub fn to_be_described(
-        device: &Arc<Shared>,
-        kernels: &[(&'static str, Specialized)],
-        specialization: &[u32],
-    ) -> Result<Self, GpuError> {
-        Self::with_flags(device, kernels, specialization, vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR)
+    pub fn to_be_described(device: &Arc<Shared>, kernels: &[(&'static str, Specialized)]) -> Result<Self, GpuError> {
+        Self::with_flags(device, kernels, vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR)
     }
 
     fn with_flags(
         device: &Arc<Shared>,
         kernels: &[(&'static str, Specialized)],
-        specialization: &[u32],
         flags: vk::PipelineCreateFlags,
     ) -> Result<Self, GpuError> {
         let mut pipelines = Self {
@@ -79,7 +70,7 @@ impl Pipelines {
         // Side by side: drivers that compile here take a tenth of a second a kernel and more.
         let build = |(name, kernel): &(&'static str, Specialized)| {
             let start = ThreadTime::now();
-            let pipeline = pipelines.build(name, &kernel.words, specialization);
+            let pipeline = pipelines.build(name, &kernel.words);
             let Specialized { bindings, push_constant_size, .. } = kernel;
             let (bindings, push_constant_size) = (bindings.clone(), *push_constant_size);
             pipeline.map(|pipeline| (*name, Built { pipeline, bindings, push_constant_size, time: start.elapsed() }))
@@ -155,25 +146,19 @@ impl Pipelines {
         Ok(())
     }
 
-    fn build(&self, name: &'static str, words: &[u32], specialization: &[u32]) -> Result<vk::Pipeline, GpuError> {
+    fn build(&self, name: &'static str, words: &[u32]) -> Result<vk::Pipeline, GpuError> {
         let info = vk::ShaderModuleCreateInfo::default().code(words);
         // SAFETY: the words are SPIR-V that the build compiled for Vulkan 1.2.
         let module = unsafe { self.device.raw.create_shader_module(&info, None) }
             .map_err(|result| GpuError::Pipeline { kernel: name, result })?;
         self.device.labels.name(module, format_args!("{name}.comp"));
-        let entries: Vec<_> = (0..specialization.len() as u32)
-            .map(|id| vk::SpecializationMapEntry { constant_id: id, offset: 4 * id, size: 4 })
-            .collect();
-        let constants =
-            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(specialization));
         let description = &self.device.description;
         let mut size = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default()
             .required_subgroup_size(description.subgroup_size);
         let mut stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)
-            .name(c"main")
-            .specialization_info(&constants);
+            .name(c"main");
         // Counts of lanes are of one size.
         if description.subgroup_size_varies {
             stage = stage.push_next(&mut size);

@@ -191,7 +191,7 @@ fn take(taken: &mut u64, bytes: u64, room: u64) -> (u64, u64) {
 mod tests {
     use super::*;
     use crate::gpu::hazards::Hazards;
-    use crate::shaders::{Access, Edition, buffers, kernels};
+    use crate::shaders::{buffers, kernels};
 
     const ROOM: Room = Room { steps: 3, bytes: 128 };
 
@@ -252,10 +252,9 @@ mod tests {
     fn waiting(recording: &Recording) -> Vec<String> {
         let mut hazards = Hazards::default();
         let room = Room { steps: 100, bytes: 1 << 20 };
-        let access = Access { texel_fetch: false, subgroup_ballot: false };
         let steps: Vec<_> = submissions(recording, room, |_| 1 << 10).into_iter().flatten().collect();
         let waits = |step: &Step<'_>| {
-            let bindings = step.dispatch().map(|d| d.kernel.variant(Edition::Plain, access).bindings);
+            let bindings = step.dispatch().map(|d| d.kernel.bindings);
             hazards.needs_barrier(&step.accesses(bindings.unwrap_or_default()))
         };
         let mut waits = waits;

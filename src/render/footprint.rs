@@ -56,6 +56,8 @@ impl Footprint {
         let constants = needs.specialization(settings, &plan, &scene.bvh).words();
         let build = Build {
             constants: &constants,
+            access,
+            edition: Edition::Plain,
             arithmetic: Arithmetic::Native,
             driver: None,
             promises: Promises::default(),
@@ -64,7 +66,7 @@ impl Footprint {
         let mut instructions = Vec::new();
         let scheduler = defaults.scheduler(settings, scene.levels());
         for kernel in Schedule::new(scheduler, settings, needs, &plan).kernels() {
-            let specialized = kernel.variant(Edition::Plain, access).specialize(&build, portable_library());
+            let specialized = kernel.specialize(&build, portable_library());
             bound.extend(specialized.bindings.iter().map(|binding| binding.name));
             instructions.push((kernel.name, specialized.instructions));
         }

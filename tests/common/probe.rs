@@ -13,7 +13,7 @@ use raywave::recording::Recording;
 use raywave::render::{Defaults, Plan, PreparedScene, scene_buffers};
 use raywave::scene::{Camera, Material, Scene, SceneBuilder};
 use raywave::settings::Settings;
-use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Forms, Kernel, Library, Variant};
+use raywave::shaders::{Access, Arithmetic, Binding, BindingKind, Edition, Forms, Kernel, Library};
 use raywave_studies::stats::SplitMix64;
 
 use crate::common::assert_silent;

@@ -23,7 +23,7 @@ use raywave::layout::{
 use raywave::render::{PreparedScene, TriangleName};
 use raywave::scene::{Environment, EnvironmentMap};
 use raywave::settings::Instances;
-use raywave::shaders::{Access, KERNELS, STRUCTS, StructLayout};
+use raywave::shaders::{Access, KERNELS, STRUCTS, SWITCHES, StructLayout};
 use rspirv::dr::Operand;
 use rspirv::spirv::Decoration;
 
@@ -154,8 +154,8 @@ fn blocks_lie_in_rust_as_in_spirv() {
 #[test]
 fn every_specialization_constant_is_some_kernels() {
     let mut ids = BTreeSet::new();
-    for variant in KERNELS.iter().flat_map(|kernel| kernel.variants) {
-        let module = variant.module();
+    for kernel in KERNELS {
+        let module = kernel.module();
         ids.extend(module.annotations.iter().filter_map(|i| match i.operands[1..] {
             [Operand::Decoration(Decoration::SpecId), Operand::LiteralBit32(id)] => Some(id),
             _ => None,
@@ -164,6 +164,7 @@ fn every_specialization_constant_is_some_kernels() {
     for (constant, id) in Specialization::TABLE.iter().zip(0..) {
         assert!(ids.contains(&id), "no kernel has {}", constant.name);
     }
+    assert!(SWITCHES.iter().all(|switch| ids.remove(&switch.id)), "the switches are above the host's constants");
     // Behind the table are the vertices of the longest list.
     let count = Specialization::TABLE.len() as u32 + 9 * LISTED_TRIANGLES;
     assert_eq!(ids.last(), Some(&(count - 1)), "the last vertex");

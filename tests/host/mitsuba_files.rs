@@ -157,6 +157,19 @@ fn plugins_that_are_not_supported_are_told_all_at_once_or_left_out() {
 }
 
 #[test]
+fn a_shape_may_refer_to_an_emitter_of_the_scene() {
+    let scene = scene(
+        "<emitter type='area' id='lamp'><rgb name='radiance' value='1 2 3'/></emitter>\n\
+         <shape type='rectangle'><ref id='lamp'/></shape>",
+    );
+    let lamp = &scene.materials[scene.mesh.triangles[0].material as usize];
+    assert_eq!(lamp.emission, vec3(1.0, 2.0, 3.0));
+    // One that nothing can refer to.
+    let error = complaint(&format!("{RECTANGLE}<emitter type='area'/>"));
+    assert!(error.contains("not supported: emitter `area`"), "{error}");
+}
+
+#[test]
 fn what_nobody_reads_is_told() {
     let scene = scene("<shape type='rectangle'><float name='colour' value='1'/></shape>");
     assert!(warns(&scene, "s.xml:2: `colour` has no effect on shape `rectangle`"), "{:?}", scene.warnings);

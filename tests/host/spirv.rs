@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use crate::not_tested::not_tested;
 use rayon::prelude::*;
 use raywave::constants::Specialization;
-use raywave::shaders::{Arithmetic, Build, Edition, Form, Forms, KERNELS, Promises, portable_library};
+use raywave::shaders::{Access, Arithmetic, Build, Edition, Form, Forms, KERNELS, Promises, portable_library};
 use rspirv::dr::Block;
 use rspirv::spirv::Op;
 
@@ -49,22 +49,23 @@ fn every_kernel_is_valid() {
     // Those of a scene that has everything, and of one that has nothing.
     let constants = Specialization::DEFAULT.words();
     let nothing = vec![0; constants.len()];
+    let device = |texel_fetch, subgroup_ballot| Access { texel_fetch, subgroup_ballot };
+    let both = device(true, true);
     let mut cases = Vec::new();
     for kernel in KERNELS {
-        for variant in kernel.variants {
-            for arithmetic in arithmetics.clone() {
-                cases.push((kernel.name, variant, &constants, arithmetic));
-            }
-            cases.push((kernel.name, variant, &nothing, Arithmetic::Native));
-        }
+        cases.extend(arithmetics.clone().map(|arithmetic| (kernel, &constants, both, Edition::Plain, arithmetic)));
+        let native = |constants, access, edition| (kernel, constants, access, edition, Arithmetic::Native);
+        cases.extend([device(false, false), device(false, true)].map(|a| native(&constants, a, Edition::Plain)));
+        cases.extend([device(false, false), both].map(|a| native(&constants, a, Edition::Counting)));
+        cases.extend([device(false, false), both].map(|a| native(&nothing, a, Edition::Plain)));
     }
-    assert!(cases.len() > 500, "the kernels were found");
+    assert!(cases.len() > 150, "the kernels were found");
     let refused: Vec<String> = cases
         .into_par_iter()
-        .filter_map(|(name, variant, constants, arithmetic)| {
-            let built =
-                variant.specialize(&Build { constants, arithmetic, driver: None, promises }, portable_library());
-            refusal(&built.words).map(|said| format!("{name} with {arithmetic:?}: {said}"))
+        .filter_map(|(kernel, constants, access, edition, arithmetic)| {
+            let build = Build { constants, access, edition, arithmetic, driver: None, promises };
+            let built = kernel.specialize(&build, portable_library());
+            refusal(&built.words).map(|said| format!("{} with {arithmetic:?}, {access:?}: {said}", kernel.name))
         })
         .collect();
     assert!(refused.is_empty(), "{} refused, first:\n{}", refused.len(), refused[0]);
@@ -76,8 +77,7 @@ fn the_validator_refuses_what_is_broken() {
         return;
     }
     let kernel = KERNELS.iter().find(|kernel| kernel.name == "connect").expect("there is such a kernel");
-    let access = raywave::shaders::Access { texel_fetch: false, subgroup_ballot: false };
-    let mut words = kernel.variant(Edition::Plain, access).words();
+    let mut words = kernel.words();
     assert_eq!(refusal(&words), None);
     // Without its last instruction the function has no end.
     words.pop();
@@ -91,8 +91,8 @@ fn label(block: &Block) -> u32 {
 #[test]
 fn loops_begin_without_phis_and_continue_blocks_without_stores() {
     let mut loops = 0;
-    for variant in KERNELS.iter().flat_map(|kernel| kernel.variants) {
-        let module = variant.module();
+    for kernel in KERNELS {
+        let module = kernel.module();
         for function in &module.functions {
             let blocks: HashMap<u32, &Block> = function.blocks.iter().map(|block| (label(block), block)).collect();
             for head in &function.blocks {

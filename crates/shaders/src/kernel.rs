@@ -1,73 +1,57 @@
 //! Kernels as the host has them: SPIR-V and what was read from it.
 
+use std::collections::BTreeMap;
 use std::io::Read as _;
+use std::sync::{Arc, Mutex};
 
 use flate2::read::ZlibDecoder;
 use rspirv::dr::Module;
 
-use crate::texels::fetch_texels;
-use crate::variant::{self, Access, Edition};
-
-/// A compute kernel in every variant that it is built in.
+/// A compute kernel: one module, from which [`Kernel::specialize`] makes what a render needs.
 #[derive(Debug)]
 pub struct Kernel {
     /// Name of the shader file without extension, or of a form of it; the one name it has everywhere.
     pub name: &'static str,
-    /// One of each [`Access`] in each [`Edition`]; some kernels have only the plain edition.
-    pub variants: &'static [Variant],
-}
-
-impl Kernel {
-    /// The build for that use.
-    ///
-    /// # Panics
-    /// When the kernel does not have that edition.
-    pub fn variant(&self, edition: Edition, access: Access) -> &'static Variant {
-        let place = variant::variants(&Edition::ALL).position(|variant| variant == (edition, access));
-        &self.variants[place.expect("every access of every edition is listed")]
-    }
-}
-
-/// One build of a kernel.
-#[derive(Debug)]
-pub struct Variant {
     /// Its SPIR-V words by [`deflate`](crate::deflate).
     pub deflated: &'static [u8],
-    /// Whether the scene is read by texels, to which its words are still to be brought.
-    pub fetches_texels: bool,
-    /// What the kernel binds, sorted by set and binding.
+    /// Whether it is the form in which the rays of a subgroup traverse a tree together.
+    pub in_packets: bool,
+    /// What the kernel binds, sorted by set and binding, where it reads the scene from storage buffers.
     pub bindings: &'static [Binding],
+    /// The same where it reads the scene by texels.
+    pub texel_bindings: &'static [Binding],
     /// Bytes of push constants that the kernel declares; 0 for none.
     pub push_constant_size: u32,
 }
 
-impl Variant {
+impl Kernel {
     /// The descriptor set of the scene, whose buffers may be read by texels.
     pub const SCENE_SET: u32 = 0;
 
-    /// Its module, with code for every specialization.
+    /// What the kernel binds, sorted by set and binding.
+    pub fn bindings(&self, texel_fetch: bool) -> &'static [Binding] {
+        if texel_fetch { self.texel_bindings } else { self.bindings }
+    }
+
+    /// Its module, with code for every specialization, which reads the scene from storage buffers. It is read once, however
+    /// often a program builds the kernel.
     ///
     /// # Panics
-    /// As [`Variant::words`].
-    pub fn module(&self) -> Module {
-        let mut module = self.storage_module();
-        self.bring_to_texels(&mut module);
+    /// As [`Kernel::words`].
+    pub fn module(&self) -> Arc<Module> {
+        /// By where their words are.
+        static MODULES: Mutex<BTreeMap<usize, Arc<Module>>> = Mutex::new(BTreeMap::new());
+        let modules = || MODULES.lock().expect("nobody panics with it");
+        let key = self.deflated.as_ptr().addr();
+        if let Some(known) = modules().get(&key) {
+            return Arc::clone(known);
+        }
+        let module = Arc::new(rspirv::dr::load_words(self.words()).expect("the build has read this SPIR-V"));
+        modules().insert(key, Arc::clone(&module));
         module
     }
 
-    /// Its module, which reads the scene from storage buffers.
-    pub(crate) fn storage_module(&self) -> Module {
-        rspirv::dr::load_words(self.words()).expect("the build has read this SPIR-V")
-    }
-
-    /// Has a module of its own read the scene as the variant does.
-    pub(crate) fn bring_to_texels(&self, module: &mut Module) {
-        if self.fetches_texels {
-            fetch_texels(module, Self::SCENE_SET).expect("the build has done it");
-        }
-    }
-
-    /// The SPIR-V words that it is made of, which read the scene from storage buffers.
+    /// The SPIR-V words that it is made of.
     ///
     /// # Panics
     /// When they are not what [`deflate`](crate::deflate) made.

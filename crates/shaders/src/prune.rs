@@ -4,21 +4,21 @@
 //! buffer that only such code uses must still be bound: to Vulkan it is part of the kernel. A kernel has code for every
 //! material there is, and most scenes have two: nine tenths of it go here, and so does the time that a driver takes.
 
-use std::collections::{HashMap, HashSet};
-
 use rspirv::dr::{Block, Function, Instruction, Module, Operand};
 use rspirv::spirv::{BuiltIn, Capability, Decoration, Op, StorageClass};
+use rustc_hash::{FxHashMap as HashMap, FxHashSet as HashSet};
 
 use crate::ids::{decorations, id_of, label};
 
-/// Takes out what cannot run under those constants (by id; others keep their own value), and what is of no use then.
-/// What remains computes the same, and still has the constants that it reads.
-pub fn prune(module: &mut Module, constants: &[u32]) {
-    let (live, values) = live_blocks(module, constants);
-    for function in &mut module.functions {
-        cut_branches(function, &live, &values);
-    }
-    let same = known_results(module, &values);
+/// What is left of a module whose specialization constants have the values that `constant` has for their ids, or their own
+/// where it has none: without what cannot run then and what is of no use. It computes the same, and has no specialization
+/// constants.
+pub fn prune(whole: &Module, constant: &dyn Fn(u32) -> Option<u32>) -> Module {
+    let mut module = declarations(whole);
+    set_constants(&mut module, constant);
+    let (live, values) = live_blocks(&whole.functions, &global_values(&module));
+    module.functions = whole.functions.iter().map(|function| live_part(function, &live, &values)).collect();
+    let same = known_results(&module, &values);
     for instruction in module.functions.iter_mut().flat_map(|f| &mut f.blocks).flat_map(|b| &mut b.instructions) {
         for operand in &mut instruction.operands {
             if let Operand::IdRef(id) = operand {
@@ -28,20 +28,39 @@ pub fn prune(module: &mut Module, constants: &[u32]) {
             }
         }
     }
-    remove_unused(module);
+    remove_unused(&mut module);
+    module
+}
+
+/// A module without its functions.
+fn declarations(whole: &Module) -> Module {
+    Module {
+        header: whole.header.clone(),
+        capabilities: whole.capabilities.clone(),
+        extensions: whole.extensions.clone(),
+        ext_inst_imports: whole.ext_inst_imports.clone(),
+        memory_model: whole.memory_model.clone(),
+        entry_points: whole.entry_points.clone(),
+        execution_modes: whole.execution_modes.clone(),
+        debug_string_source: whole.debug_string_source.clone(),
+        debug_names: whole.debug_names.clone(),
+        debug_module_processed: whole.debug_module_processed.clone(),
+        annotations: whole.annotations.clone(),
+        types_global_values: whole.types_global_values.clone(),
+        functions: Vec::new(),
+    }
 }
 
 /// Labels of the blocks that can run, and the ids whose values are known: 32-bit words, and booleans as 0 and 1.
 ///
 /// Whole functions at first; what is then known of conditions takes blocks away, and what remains
 /// makes more conditions known.
-fn live_blocks(module: &Module, constants: &[u32]) -> (HashSet<u32>, HashMap<u32, u32>) {
-    let globals = global_values(module, constants);
-    let mut live: HashSet<u32> = module.functions.iter().flat_map(|function| &function.blocks).map(label).collect();
+fn live_blocks(functions: &[Function], globals: &HashMap<u32, u32>) -> (HashSet<u32>, HashMap<u32, u32>) {
+    let mut live: HashSet<u32> = functions.iter().flat_map(|function| &function.blocks).map(label).collect();
     loop {
         let mut values = globals.clone();
-        let mut reached = HashSet::new();
-        for function in &module.functions {
+        let mut reached = HashSet::default();
+        for function in functions {
             for block in function.blocks.iter().filter(|block| live.contains(&label(block))) {
                 for instruction in &block.instructions {
                     if let (Some(id), Some(value)) = (instruction.result_id, evaluate(instruction, &values, &live)) {
@@ -64,20 +83,35 @@ fn live_blocks(module: &Module, constants: &[u32]) -> (HashSet<u32>, HashMap<u32
     }
 }
 
-/// Constants by id. Those that are not set keep their own value.
-fn global_values(module: &Module, constants: &[u32]) -> HashMap<u32, u32> {
+/// Makes constants of specialization constants.
+fn set_constants(module: &mut Module, constant: &dyn Fn(u32) -> Option<u32>) {
     let ids = decorations(module, Decoration::SpecId);
-    let mut values = HashMap::new();
+    for i in &mut module.types_global_values {
+        let set = i.result_id.and_then(|id| ids.get(&id)).and_then(|id| constant(*id));
+        let truth = |value| if value { Op::ConstantTrue } else { Op::ConstantFalse };
+        let op = match (i.class.opcode, &mut i.operands[..]) {
+            (Op::SpecConstantTrue, _) => truth(set != Some(0)),
+            (Op::SpecConstantFalse, _) => truth(set.is_some_and(|value| value != 0)),
+            (Op::SpecConstant, [Operand::LiteralBit32(word)]) => {
+                *word = set.unwrap_or(*word);
+                Op::Constant
+            }
+            _ => continue,
+        };
+        *i = Instruction::new(op, i.result_type, i.result_id, std::mem::take(&mut i.operands));
+    }
+    module.annotations.retain(|i| i.operands.get(1) != Some(&Operand::Decoration(Decoration::SpecId)));
+}
+
+/// Constants by id.
+fn global_values(module: &Module) -> HashMap<u32, u32> {
+    let mut values = HashMap::default();
     for instruction in &module.types_global_values {
         let Some(id) = instruction.result_id else { continue };
-        let set = ids.get(&id).and_then(|place| constants.get(*place as usize)).copied();
         let value = match (instruction.class.opcode, instruction.operands.first()) {
             (Op::ConstantTrue, _) => Some(1),
             (Op::ConstantFalse, _) => Some(0),
-            (Op::SpecConstantTrue, _) => Some(set.map_or(1, |value| u32::from(value != 0))),
-            (Op::SpecConstantFalse, _) => Some(set.map_or(0, |value| u32::from(value != 0))),
             (Op::Constant, Some(Operand::LiteralBit32(word))) => Some(*word),
-            (Op::SpecConstant, Some(Operand::LiteralBit32(word))) => Some(set.unwrap_or(*word)),
             (Op::SpecConstantOp, Some(Operand::LiteralSpecConstantOpInteger(op))) => {
                 fold(*op, &known(&instruction.operands[1..], &values))
             }
@@ -146,38 +180,45 @@ fn only_target(end: &Instruction, values: &HashMap<u32, u32>) -> Option<u32> {
     Some(id_of(if *condition != 0 { yes } else { no }))
 }
 
-/// Leaves of a function the blocks that can run, with branches only where something is to be decided.
+/// A function's blocks that can run, with branches only where something is to be decided.
 ///
 /// A merge or a continue block must be there even if nothing gets to it, as long as its header is.
-fn cut_branches(function: &mut Function, live: &HashSet<u32>, values: &HashMap<u32, u32>) {
-    function.blocks.iter_mut().filter(|block| live.contains(&label(block))).for_each(|block| decide(block, values));
+fn live_part(whole: &Function, live: &HashSet<u32>, values: &HashMap<u32, u32>) -> Function {
+    let is_live = |block: &&Block| live.contains(&label(block));
+    let decided = whole.blocks.iter().filter(is_live).map(|block| (label(block), decided(block, values)));
+    let mut decided: HashMap<u32, Block> = decided.collect();
 
-    let mut headers = HashMap::new();
-    let mut merges = HashSet::new();
-    for block in function.blocks.iter().filter(|block| live.contains(&label(block))) {
+    let mut headers = HashMap::default();
+    let mut merges = HashSet::default();
+    for (name, block) in &decided {
         for merge in block.instructions.iter().filter(|i| is_merge(i)) {
             merges.insert(id_of(&merge.operands[0]));
             if merge.class.opcode == Op::LoopMerge {
-                headers.insert(id_of(&merge.operands[1]), label(block));
+                headers.insert(id_of(&merge.operands[1]), *name);
             }
         }
     }
-    function.blocks.retain_mut(|block| {
+    let block = |block: &Block| {
         let name = label(block);
-        if live.contains(&name) {
-            return true;
-        }
         let end = match headers.get(&name) {
             Some(header) => branch(*header),
             None => Instruction::new(Op::Unreachable, None, None, Vec::new()),
         };
-        block.instructions = vec![end];
-        headers.contains_key(&name) || merges.contains(&name)
-    });
+        let is_named = headers.contains_key(&name) || merges.contains(&name);
+        let without_code = || Block { label: block.label.clone(), instructions: vec![end] };
+        decided.remove(&name).or_else(|| is_named.then(without_code))
+    };
+    let Function { def, parameters, end, blocks } = whole;
+    let mut function = Function {
+        def: def.clone(),
+        parameters: parameters.clone(),
+        end: end.clone(),
+        blocks: blocks.iter().filter_map(block).collect(),
+    };
 
-    let mut before: HashMap<u32, HashSet<u32>> = HashMap::new();
+    let mut before: HashMap<u32, HashSet<u32>> = HashMap::default();
     for block in &function.blocks {
-        for next in successors(block, &HashMap::new()) {
+        for next in successors(block, &HashMap::default()) {
             before.entry(next).or_default().insert(label(block));
         }
     }
@@ -199,6 +240,7 @@ fn cut_branches(function: &mut Function, live: &HashSet<u32>, values: &HashMap<u
             phi.operands = kept;
         }
     }
+    function
 }
 
 fn branch(target: u32) -> Instruction {
@@ -209,16 +251,19 @@ fn is_merge(instruction: &Instruction) -> bool {
     matches!(instruction.class.opcode, Op::SelectionMerge | Op::LoopMerge)
 }
 
-/// Ends a block by where it goes, if that is known. A selection of one side is none, nor is a loop that is not entered.
-fn decide(block: &mut Block, values: &HashMap<u32, u32>) {
-    let Some(target) = block.instructions.last().and_then(|end| only_target(end, values)) else { return };
-    block.instructions.pop();
-    block.instructions.push(branch(target));
-    block.instructions.retain(|i| match i.class.opcode {
-        Op::SelectionMerge => false,
-        Op::LoopMerge => id_of(&i.operands[0]) != target,
-        _ => true,
-    });
+/// A block that ends by where it goes, if that is known. A selection of one side is none, nor is a loop that is not entered.
+fn decided(block: &Block, values: &HashMap<u32, u32>) -> Block {
+    let mut block = block.clone();
+    if let Some(target) = block.instructions.last().and_then(|end| only_target(end, values)) {
+        block.instructions.pop();
+        block.instructions.push(branch(target));
+        block.instructions.retain(|i| match i.class.opcode {
+            Op::SelectionMerge => false,
+            Op::LoopMerge => id_of(&i.operands[0]) != target,
+            _ => true,
+        });
+    }
+    block
 }
 
 /// Results that are another id's: of selections whose condition is known, and of phis that have one way to come.
@@ -281,7 +326,7 @@ fn has_effect(instruction: &Instruction) -> bool {
 
 /// Variables that only one invocation sees, each under its own id and those of pointers into it.
 fn own_variables(module: &Module) -> HashMap<u32, u32> {
-    let mut variables = HashMap::new();
+    let mut variables = HashMap::default();
     let code = module.functions.iter().flat_map(|f| &f.blocks).flat_map(|b| &b.instructions);
     for instruction in module.types_global_values.iter().chain(code) {
         let Some(id) = instruction.result_id else { continue };
@@ -308,8 +353,12 @@ fn remove_unused(module: &mut Module) {
     let blocks = || module.functions.iter().flat_map(|function| &function.blocks);
     let code = || blocks().flat_map(|block| &block.instructions);
     let definitions = module.types_global_values.iter().chain(code()).filter_map(|i| Some((i.result_id?, i)));
-    let mut needed =
-        Needed { definitions: definitions.collect(), stores: HashMap::new(), ids: HashSet::new(), waiting: Vec::new() };
+    let mut needed = Needed {
+        definitions: definitions.collect(),
+        stores: HashMap::default(),
+        ids: HashSet::default(),
+        waiting: Vec::new(),
+    };
     for instruction in code() {
         match stored_in(instruction) {
             Some(variable) => needed.stores.entry(variable).or_default().push(instruction),
@@ -464,8 +513,7 @@ mod tests {
         for way in [Way::Side, Way::Entry, Way::End] {
             for constant in [false, true] {
                 let before = looping(way, constant);
-                let mut after = before.clone();
-                prune(&mut after, &[]);
+                let after = prune(&before, &|_| None);
                 for n in 0..6 {
                     let [before, after] = [&before, &after].map(|module| small::run(module, &[n]));
                     assert_eq!(after, before, "{way:?} {constant}, {n}");
@@ -478,15 +526,11 @@ mod tests {
 
     #[test]
     fn only_decisions_are_branches() {
-        let pruned = |way, constant| {
-            let mut module = looping(way, constant);
-            prune(&mut module, &[]);
-            module
-        };
+        let pruned = |way, constant| prune(&looping(way, constant), &|_| None);
         for constant in [false, true] {
             let one_side = pruned(Way::Side, constant);
             assert_eq!([Op::SelectionMerge, Op::BranchConditional].map(|op| count(&one_side, op)), [0, 1]);
-            assert_eq!(count(&one_side, Op::SpecConstantTrue) + count(&one_side, Op::SpecConstantFalse), 0);
+            assert_eq!(count(&one_side, Op::ConstantTrue) + count(&one_side, Op::ConstantFalse), 0, "nobody asks");
         }
         let never_entered = pruned(Way::Entry, false);
         assert_eq!([Op::LoopMerge, Op::BranchConditional, Op::Phi].map(|op| count(&never_entered, op)), [0, 0, 0]);
@@ -513,8 +557,7 @@ mod tests {
                     b.store(first, value, None, []).expect("a block is open");
                 });
             });
-            let mut module = b.module();
-            prune(&mut module, &[]);
+            let module = prune(&b.module(), &|_| None);
             let asked = |i: &Instruction| i.operands[0] == Operand::Capability(Capability::GroupNonUniform);
             assert_eq!(module.capabilities.iter().any(asked), used);
         }

@@ -9,9 +9,11 @@ use rspirv::spirv::{Capability, Decoration, ExecutionMode, Op};
 
 use crate::arithmetic::{self, Arithmetic};
 use crate::ids::{decorations, is_line};
-use crate::kernel::{Binding, Variant};
+use crate::kernel::{Binding, Kernel};
 use crate::link::Library;
 use crate::prune::prune;
+use crate::texels::fetch_texels;
+use crate::variant::{Access, COUNTS_WORK, Edition, HAS_BALLOTS, IN_PACKETS};
 
 /// When lanes of a subgroup that took different branches reconverge. Without a promise a driver may keep them
 /// apart for as long as it likes.
@@ -39,8 +41,12 @@ pub struct Promises {
 /// What a kernel is built for.
 #[derive(Debug, Clone, Copy)]
 pub struct Build<'a> {
-    /// Specialization constants by id.
+    /// Specialization constants of the host by id. Those that are left out keep their defaults.
     pub constants: &'a [u32],
+    /// How it reaches memory.
+    pub access: Access,
+    /// What it is for.
+    pub edition: Edition,
     /// How it computes with floats.
     pub arithmetic: Arithmetic,
     /// Functions that stand for the driver's own operations, for tests of what other drivers do; none otherwise.
@@ -52,7 +58,7 @@ pub struct Build<'a> {
 /// A kernel as it was built.
 #[derive(Debug, Clone)]
 pub struct Specialized {
-    /// SPIR-V words, with the constants still to be set.
+    /// SPIR-V words, without specialization constants.
     pub words: Vec<u32>,
     /// What it binds, sorted by set and binding.
     pub bindings: Vec<Binding>,
@@ -62,20 +68,29 @@ pub struct Specialized {
     pub instructions: usize,
 }
 
-impl Variant {
+impl Kernel {
     /// Takes out what the constants keep from running, and puts the operations of the arithmetic in their places:
     /// functions of `portable`, if it is portable.
     ///
     /// # Panics
     /// When the kernel has an operation of which the library has no form; the build tries every one.
     pub fn specialize(&self, build: &Build<'_>, portable: &Library) -> Specialized {
-        let mut module = self.storage_module();
-        prune(&mut module, build.constants);
-        self.bring_to_texels(&mut module);
+        let Access { texel_fetch, subgroup_ballot } = build.access;
+        let constant = |id| match id {
+            _ if id == HAS_BALLOTS.id => Some(u32::from(subgroup_ballot)),
+            _ if id == IN_PACKETS.id => Some(u32::from(subgroup_ballot && self.in_packets)),
+            _ if id == COUNTS_WORK.id => Some(u32::from(build.edition == Edition::Counting)),
+            _ => build.constants.get(id as usize).copied(),
+        };
+        let mut module = prune(&self.module(), &constant);
+        if texel_fetch {
+            fetch_texels(&mut module, Self::SCENE_SET).expect("the build has done it");
+        }
         let code = module.functions.iter().flat_map(|function| &function.blocks).flat_map(|block| &block.instructions);
         let instructions = code.filter(|i| !is_line(i)).count();
         let places = bound_places(&module);
-        let bindings = self.bindings.iter().filter(|b| places.contains(&(b.set, b.binding))).copied().collect();
+        let is_bound = |binding: &&Binding| places.contains(&(binding.set, binding.binding));
+        let bindings = self.bindings(texel_fetch).iter().filter(is_bound).copied().collect();
         arithmetic::lower(&mut module, build.arithmetic, portable, build.driver)
             .expect("the build has tried every form");
         ask_for(&mut module, build);
@@ -146,7 +161,7 @@ mod tests {
     use crate::table::deflate;
 
     /// A kernel that writes `textures` if `condition`, of two specialization constants, holds, and `hits` in any case.
-    fn kernel(condition: impl FnOnce(&mut Builder, [u32; 2], u32) -> u32) -> Variant {
+    fn kernel(condition: impl FnOnce(&mut Builder, [u32; 2], u32) -> u32) -> Kernel {
         let mut b = small::builder();
         let [hits, textures] = [("hits", 0), ("textures", 1)].map(|(name, at)| small::buffer(&mut b, name, 0, at));
         let truth = b.type_bool();
@@ -173,22 +188,27 @@ mod tests {
             Binding { name: &*name.leak(), set, binding, kind, reads, writes }
         });
         let bindings: Vec<Binding> = bindings.collect();
-        Variant {
+        Kernel {
+            name: "kernel",
             deflated: deflate(&module.assemble()).leak(),
-            fetches_texels: false,
+            in_packets: false,
             bindings: bindings.leak(),
+            texel_bindings: &[],
             push_constant_size: 0,
         }
     }
 
-    fn specialized(kernel: &Variant, constants: &[u32]) -> Specialized {
-        let library = Library::new(small::builder().module());
-        let build =
-            Build { constants, arithmetic: Arithmetic::Contracted, driver: None, promises: Promises::default() };
-        kernel.specialize(&build, &library)
+    fn build(constants: &[u32], arithmetic: Arithmetic, promises: Promises) -> Build<'_> {
+        let access = Access { texel_fetch: false, subgroup_ballot: false };
+        Build { constants, access, edition: Edition::Plain, arithmetic, driver: None, promises }
     }
 
-    fn bound(kernel: &Variant, constants: &[u32]) -> Vec<&'static str> {
+    fn specialized(kernel: &Kernel, constants: &[u32]) -> Specialized {
+        let library = Library::new(small::builder().module());
+        kernel.specialize(&build(constants, Arithmetic::Contracted, Promises::default()), &library)
+    }
+
+    fn bound(kernel: &Kernel, constants: &[u32]) -> Vec<&'static str> {
         specialized(kernel, constants).bindings.iter().map(|binding| binding.name).collect()
     }
 
@@ -238,8 +258,7 @@ mod tests {
             flushes_subnormals: false,
         };
         let modes = |arithmetic| {
-            let build = Build { constants: &[], arithmetic, driver: None, promises };
-            let words = kernel.specialize(&build, &library).words;
+            let words = kernel.specialize(&build(&[], arithmetic, promises), &library).words;
             let module = rspirv::dr::load_words(&words).expect("it is SPIR-V");
             module.execution_modes.iter().map(|mode| mode.operands[1].clone()).collect::<Vec<_>>()
         };

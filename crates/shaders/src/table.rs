@@ -11,7 +11,7 @@ use flate2::write::ZlibEncoder;
 use crate::kernel::Binding;
 use crate::reflection::{Layout, Reflection};
 
-/// SPIR-V words deflated (zlib) for a [`Variant`](crate::Variant): the lowest bytes of all first, then the second ones,
+/// SPIR-V words deflated (zlib) for a [`Kernel`](crate::Kernel): the lowest bytes of all first, then the second ones,
 /// and so on. So alike bytes stand together, and a sixth less is left than of the words as they are.
 pub fn deflate(words: &[u32]) -> Vec<u8> {
     let planes: Vec<u8> = (0..4).flat_map(|place| words.iter().map(move |word| word.to_le_bytes()[place])).collect();
@@ -45,33 +45,32 @@ pub struct Table {
     buffers: BTreeSet<String>,
     /// An initialiser for each layout that they declare.
     structs: BTreeSet<String>,
-    /// Each is in the program once, however many variants it is of: as a static with a name, for what has none is copied to
-    /// each unit of code that refers to it.
+    /// Each is in the program once, whatever forms it has: as a static with a name, for what has none is copied to each unit
+    /// of code that refers to it.
     modules: Vec<BuiltModule>,
 }
 
 impl Table {
-    /// Adds a kernel in all of its variants, each with whether it reads the scene by texels.
-    pub fn add(&mut self, kernel: &str, variants: &[(BuiltModule, bool)]) {
-        writeln!(self.entries, "    Kernel {{ name: {kernel:?}, variants: &[").expect("strings grow");
-        for (built, fetches_texels) in variants {
-            let reflection = if *fetches_texels { &built.by_texels } else { &built.reflection };
+    /// Adds a kernel, or the form of one whose rays are in packets.
+    pub fn add(&mut self, kernel: &str, built: &BuiltModule, in_packets: bool) {
+        let module = self.modules.iter().position(|known| known.file == built.file).unwrap_or_else(|| {
+            self.modules.push(built.clone());
+            self.modules.len() - 1
+        });
+        let bindings = |reflection: &Reflection| -> String {
             let bindings: Vec<String> = reflection.bindings.iter().map(binding).collect();
-            let module = self.modules.iter().position(|known| known.file == built.file).unwrap_or_else(|| {
-                self.modules.push(built.clone());
-                self.modules.len() - 1
-            });
-            writeln!(
-                self.entries,
-                "        Variant {{ deflated: &MODULE_{module}, fetches_texels: {fetches_texels}, bindings: &[{}], push_constant_size: {} }},",
-                bindings.join(", "),
-                reflection.push_constant_size
-            )
-            .expect("strings grow");
-            self.buffers.extend(reflection.bindings.iter().map(|binding| binding.name.clone()));
-            self.structs.extend(reflection.structs.iter().map(layout));
-        }
-        self.entries += "    ] },\n";
+            bindings.join(", ")
+        };
+        writeln!(
+            self.entries,
+            "    Kernel {{ name: {kernel:?}, deflated: &MODULE_{module}, in_packets: {in_packets}, bindings: &[{}], texel_bindings: &[{}], push_constant_size: {} }},",
+            bindings(&built.reflection),
+            bindings(&built.by_texels),
+            built.reflection.push_constant_size
+        )
+        .expect("strings grow");
+        self.buffers.extend(built.reflection.bindings.iter().map(|binding| binding.name.clone()));
+        self.structs.extend(built.reflection.structs.iter().chain(&built.by_texels.structs).map(layout));
         self.kernels.push(kernel.to_owned());
     }
 
@@ -126,15 +125,21 @@ fn layout(of: &Layout) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::{BindingKind, Member, StructLayout, Variant};
+    use crate::kernel::{BindingKind, Kernel, Member, StructLayout};
 
     #[test]
     fn words_are_what_was_deflated() {
         let words: Vec<u32> = (0..1000_u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
-        let variant =
-            Variant { deflated: deflate(&words).leak(), fetches_texels: false, bindings: &[], push_constant_size: 0 };
-        assert_eq!(variant.words(), words);
-        assert_eq!(Variant { deflated: deflate(&[]).leak(), ..variant }.words(), []);
+        let kernel = |words| Kernel {
+            name: "kernel",
+            deflated: deflate(words).leak(),
+            in_packets: false,
+            bindings: &[],
+            texel_bindings: &[],
+            push_constant_size: 0,
+        };
+        assert_eq!(kernel(&words).words(), words);
+        assert_eq!(kernel(&[]).words(), []);
     }
 
     #[test]
@@ -153,11 +158,16 @@ mod tests {
         let mut table = Table::default();
         let by_texels = reflection.clone();
         let built = BuiltModule { file: PathBuf::from("shade.zlib"), size: 5, reflection, by_texels };
-        table.add("shade", &[(built.clone(), false), (built, false)]);
-        let variant = r#"        Variant { deflated: &MODULE_0, fetches_texels: false, bindings: &[Binding { name: "hits", set: 1, binding: 2, kind: BindingKind::StorageBuffer, reads: true, writes: false }], push_constant_size: 8 },
-"#;
+        table.add("shade", &built, false);
+        table.add("shade_packets", &built, true);
+        let hits = r#"&[Binding { name: "hits", set: 1, binding: 2, kind: BindingKind::StorageBuffer, reads: true, writes: false }]"#;
         let text = table.kernels("KERNELS");
-        assert!(text.contains(&format!("    Kernel {{ name: \"shade\", variants: &[\n{variant}{variant}    ] }},\n")));
+        for (name, in_packets) in [("shade", false), ("shade_packets", true)] {
+            let entry = format!(
+                "    Kernel {{ name: {name:?}, deflated: &MODULE_0, in_packets: {in_packets}, bindings: {hits}, texel_bindings: {hits}, push_constant_size: 8 }},\n"
+            );
+            assert!(text.contains(&entry), "{text}");
+        }
         assert_eq!(text.matches("static MODULE_0: [u8; 5] = *include_bytes!(\"shade.zlib\");").count(), 1);
         assert!(text.contains("pub const SHADE: &Kernel = &super::KERNELS[0];"));
         assert!(text.contains("pub const HITS: &str = \"hits\";"));

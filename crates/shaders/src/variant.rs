@@ -1,4 +1,5 @@
-//! The variants that a kernel is built in. The build compiles them in the order of this file, by which they are found.
+//! What a kernel is built for beside what its scene needs: specialization constants of this crate, which stand for code
+//! that a device may be unable to run or that a render has no use for. Drivers never see that code.
 
 /// What a build of a kernel is for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -10,18 +11,7 @@ pub enum Edition {
     Counting,
 }
 
-impl Edition {
-    /// Every edition.
-    pub const ALL: [Self; 2] = [Self::Plain, Self::Counting];
-
-    /// The macro that makes it of a shader.
-    pub fn macro_name(self) -> Option<&'static str> {
-        (self == Self::Counting).then_some("COUNTING")
-    }
-}
-
-/// How kernels reach memory. Whatever it is, they compute the same bits. It cannot be a specialization constant, because
-/// it changes a descriptor's type or a required capability.
+/// How kernels reach memory. Whatever it is, they compute the same bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Access {
     /// Scene buffers are read by texels, not as storage buffers.
@@ -30,22 +20,26 @@ pub struct Access {
     pub subgroup_ballot: bool,
 }
 
-impl Access {
-    /// Every access.
-    pub const ALL: [Self; 4] = [
-        Self { texel_fetch: false, subgroup_ballot: false },
-        Self { texel_fetch: true, subgroup_ballot: false },
-        Self { texel_fetch: false, subgroup_ballot: true },
-        Self { texel_fetch: true, subgroup_ballot: true },
-    ];
-
-    /// The macro that makes it of a shader. Texels are fetched by a pass over its SPIR-V.
-    pub fn macro_name(self) -> Option<&'static str> {
-        self.subgroup_ballot.then_some("SUBGROUP_BALLOT")
-    }
+/// A specialization constant of this crate: a truth, false in a module that nobody specialized.
+#[derive(Debug, Clone, Copy)]
+pub struct Switch {
+    /// Its name in GLSL.
+    pub name: &'static str,
+    /// Its id, above those of the host and at most 2047, where the GLSL compiler ends.
+    pub id: u32,
+    /// What it means.
+    pub meaning: &'static str,
 }
 
-/// The variants of some editions, in the order of a kernel's table.
-pub fn variants(editions: &[Edition]) -> impl Iterator<Item = (Edition, Access)> {
-    editions.iter().flat_map(|edition| Access::ALL.map(|access| (*edition, access)))
-}
+/// Whether lanes of a subgroup append to queues together.
+pub const HAS_BALLOTS: Switch =
+    Switch { name: "HAS_BALLOTS", id: 2000, meaning: "Whether lanes of a subgroup may act together." };
+/// Whether the rays of a subgroup traverse a tree together.
+pub const IN_PACKETS: Switch =
+    Switch { name: "IN_PACKETS", id: 2001, meaning: "Whether the rays of a subgroup traverse a tree together." };
+/// Whether the kernel counts what it does.
+pub const COUNTS_WORK: Switch =
+    Switch { name: "COUNTS_WORK", id: 2002, meaning: "Whether traversal and shading count what they do." };
+
+/// Every switch.
+pub const SWITCHES: [Switch; 3] = [HAS_BALLOTS, IN_PACKETS, COUNTS_WORK];

@@ -345,6 +345,9 @@ fn bad_arguments_are_told_in_a_line() {
         ("vs_mitsuba", &["--json", "/nowhere/a.json"], "/nowhere/a.json: cannot be written"),
         ("traversal", &["--peers", "none", "--cases", "kitchen", "--scenes", "/"], "there is no kitchen.toml"),
         ("traversal", &["--peers", "none", "--cases", "cornell-box", "--device", "abacus"], "abacus"),
+        ("mitsuba_suite", &["/nowhere"], "there is no such folder"),
+        ("mitsuba_previews", &["/nowhere"], "there is no such scene"),
+        ("mitsuba_previews", &["."], "none of these is a scene of Mitsuba"),
     ] {
         let line = complaint(bench(name, arguments));
         assert!(line.contains(words), "{line}");

@@ -16,6 +16,10 @@ impl Importer<'_, '_, '_> {
     pub fn emitter(&mut self, place: usize) -> Result<(), SceneError> {
         let document = self.document;
         let object = &document.objects[place];
+        // It shines from the shapes that refer to it.
+        if object.plugin == "area" && object.id.is_some() {
+            return Ok(());
+        }
         object.ignore(&["sampling_weight"]);
         let to_world = object.transform("to_world")?.unwrap_or(DAffine3::IDENTITY);
         let along = |direction: DVec3| {
