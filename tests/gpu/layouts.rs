@@ -13,12 +13,12 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3, Vec2, Vec3};
 use raywave::bvh::BvhKind;
 use raywave::constants::{
-    IMAGE_HEADER_WORDS, LISTED_TRIANGLES, MATERIAL_DETAIL_TEXELS, MATERIAL_TEXELS, NO_TRIANGLE, NODE_TEXELS,
-    PUNCTUAL_LIGHT_TEXELS, Specialization, TRIANGLE_TEXELS,
+    IMAGE_HEADER_WORDS, INSTANCE_TEXELS, LISTED_TRIANGLES, MATERIAL_DETAIL_TEXELS, MATERIAL_TEXELS, NO_TRIANGLE,
+    NODE_TEXELS, PUNCTUAL_LIGHT_TEXELS, Specialization, TRIANGLE_TEXELS,
 };
 use raywave::layout::{
     Batch, Bins, Control, EnvironmentSplit, EnvironmentTexel, FilmPixel, Frame, Instance, Light, Material,
-    MaterialDetail, Node, Normals, PunctualLight, RayCount, Triangle, WorkCount,
+    MaterialDetail, Node, Normals, PlacedLight, PunctualLight, RayCount, Triangle, WorkCount,
 };
 use raywave::render::{PreparedScene, TriangleName};
 use raywave::scene::{Environment, EnvironmentMap};
@@ -128,6 +128,8 @@ fn records() -> BTreeMap<&'static str, (usize, usize)> {
         ("MaterialDetail", (size_of::<MaterialDetail>(), 16 * MATERIAL_DETAIL_TEXELS as usize)),
         ("PunctualLight", (size_of::<PunctualLight>(), 16 * PUNCTUAL_LIGHT_TEXELS as usize)),
         ("Light", (size_of::<Light>(), 16)),
+        ("PlacedLight", (size_of::<PlacedLight>(), 8)),
+        ("Instance", (size_of::<Instance>(), 16 * INSTANCE_TEXELS as usize)),
         ("Normals", (size_of::<Normals>(), 16)),
         ("EnvironmentTexel", (size_of::<EnvironmentTexel>(), 16)),
         ("EnvironmentSplit", (size_of::<EnvironmentSplit>(), 16)),
@@ -179,6 +181,8 @@ fn arrays_step_by_the_size_of_their_elements() {
                 ("Film", _) => 64,
                 ("Control", "traced_samples") => 8,
                 ("RayQueue" | "SortedRays" | "Control" | "RayCount" | "WorkCount" | "Bins", _) => 4,
+                ("RayInstances" | "HitInstances", _) => 4,
+                ("ShadowInstances" | "Buffer_placed_lights", _) => 8,
                 ("WorkCounts", _) => size_of::<WorkCount>() as u32,
                 ("Buffer_texture_coordinates" | "Buffer_vertex_colours" | "Buffer_textures", _) => 8,
                 _ => 16,

@@ -153,7 +153,7 @@ fn the_order_of_the_queue_holds_the_same_rays() {
     for class in [RayClass::Bounce, RayClass::Shadow] {
         let [slot, queue] = [RayOrder::Slot, RayOrder::Queue].map(|order| {
             let queued = session.dump_rays(&prepared, class, 1, order).expect("there are rays");
-            let mut rays: Vec<[u32; 8]> = queued.rays.into_iter().map(bytemuck::cast).collect();
+            let mut rays: Vec<[u32; 10]> = queued.rays.into_iter().map(bytemuck::cast).collect();
             rays.sort_unstable();
             rays
         });
