@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::plan::SceneLevels;
-use crate::bvh::{BvhKind, MAX_LISTED};
+use crate::bvh::{BvhKind, MAX_LISTED, MAX_TRIANGLES};
 use crate::facts::{self, Facts};
 use crate::gpu::{Device, GpuError};
 use crate::scene::Scene;
@@ -302,7 +302,8 @@ impl Defaults {
 }
 
 /// How meshes lie in memory that are placed more than once: by the triangles of each, and how often it is placed, in a scene
-/// with that many other triangles. A tree of two levels takes more time a ray, so it must save a lot.
+/// with that many other triangles. A tree of two levels takes more time a ray, so it must save a lot, or be the only one
+/// that can address them.
 fn pays(others: u64, placed: &[[u32; 2]]) -> Instances {
     /// Bytes of a triangle and its share of nodes, about.
     const TRIANGLE_BYTES: u64 = 80;
@@ -312,13 +313,15 @@ fn pays(others: u64, placed: &[[u32; 2]]) -> Instances {
     const AFFORDABLE_BYTES: u64 = 256 << 20;
     /// How many times the bytes of two levels flattened triangles may take.
     const WORTHWHILE: u64 = 4;
-    let (mut flattened, mut two_level) = (others * TRIANGLE_BYTES, others * TRIANGLE_BYTES);
+    let (mut flattened, mut two_level) = (others, others * TRIANGLE_BYTES);
     for &[triangles, placements] in placed {
-        let (triangles, placements) = (u64::from(triangles) * TRIANGLE_BYTES, u64::from(placements));
+        let (triangles, placements) = (u64::from(triangles), u64::from(placements));
         flattened = flattened.saturating_add(triangles.saturating_mul(placements));
-        two_level += triangles + placements * INSTANCE_BYTES;
+        two_level += triangles * TRIANGLE_BYTES + placements * INSTANCE_BYTES;
     }
-    match flattened > AFFORDABLE_BYTES && flattened / WORTHWHILE > two_level {
+    let fits = flattened <= MAX_TRIANGLES as u64;
+    let flattened = flattened.saturating_mul(TRIANGLE_BYTES);
+    match !fits || (flattened > AFFORDABLE_BYTES && flattened / WORTHWHILE > two_level) {
         true => Instances::TwoLevel,
         false => Instances::Flatten,
     }
@@ -464,6 +467,8 @@ mod tests {
         // What else there is counts on both sides.
         assert_eq!(pays(10_000_000, &[[100_000, 34]]), Instances::Flatten);
         assert_eq!(pays(0, &[[u32::MAX, u32::MAX]]), Instances::TwoLevel);
+        // One tree cannot address twice 100 million.
+        assert_eq!(pays(0, &[[100_000_000, 2]]), Instances::TwoLevel);
     }
 
     #[test]

@@ -577,7 +577,8 @@ pub static SETTINGS: &[Setting] = &[
         key: "instances",
         help: "How meshes lie in memory that are placed more than once; it changes speed and memory, not the image",
         otherwise: "`two-level` where the triangles of all placements would take more than 256 MiB, and more than four \
-                    times what they take in two levels, unless `--bvh` is another than `bvh2`; else `flatten`",
+                    times what they take in two levels, or where one tree cannot address them, unless `--bvh` is another \
+                    than `bvh2`; else `flatten`",
         meaning: "how placed meshes lie in memory",
         levels: &["flatten", "two-level"],
     },
