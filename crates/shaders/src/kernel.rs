@@ -45,16 +45,26 @@ impl Variant {
     /// The descriptor set of the scene, whose buffers may be read by texels.
     pub const SCENE_SET: u32 = 0;
 
-    /// Its module.
+    /// Its module, with code for every specialization.
     ///
     /// # Panics
     /// As [`Variant::words`].
     pub fn module(&self) -> Module {
-        let mut module = rspirv::dr::load_words(self.words()).expect("the build has read this SPIR-V");
-        if self.fetches_texels {
-            fetch_texels(&mut module, Self::SCENE_SET).expect("the build has done it");
-        }
+        let mut module = self.storage_module();
+        self.bring_to_texels(&mut module);
         module
+    }
+
+    /// Its module, which reads the scene from storage buffers.
+    pub(crate) fn storage_module(&self) -> Module {
+        rspirv::dr::load_words(self.words()).expect("the build has read this SPIR-V")
+    }
+
+    /// Has a module of its own read the scene as the variant does.
+    pub(crate) fn bring_to_texels(&self, module: &mut Module) {
+        if self.fetches_texels {
+            fetch_texels(module, Self::SCENE_SET).expect("the build has done it");
+        }
     }
 
     /// The SPIR-V words that it is made of, which read the scene from storage buffers.

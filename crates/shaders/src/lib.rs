@@ -16,6 +16,7 @@ mod ids;
 mod kernel;
 mod link;
 pub mod passes;
+mod prune;
 mod reflection;
 #[cfg(test)]
 mod small;

@@ -131,6 +131,9 @@ pub fn run(module: &Module, arguments: &[u32]) -> u32 {
         {
             values.insert(id, *value);
         }
+        if let (Op::SpecConstantTrue | Op::SpecConstantFalse, Some(id)) = (constant.class.opcode, constant.result_id) {
+            values.insert(id, u32::from(constant.class.opcode == Op::SpecConstantTrue));
+        }
     }
     let parameters = function.parameters.iter().filter_map(|i| i.result_id);
     values.extend(parameters.zip(arguments.iter().copied()));
@@ -151,6 +154,7 @@ pub fn run(module: &Module, arguments: &[u32]) -> u32 {
             let result = match i.class.opcode {
                 Op::IAdd => Some(of(0).wrapping_add(of(1))),
                 Op::ULessThan => Some(u32::from(of(0) < of(1))),
+                Op::Select => Some(of(if of(0) == 0 { 2 } else { 1 })),
                 Op::Load => Some(memory[&id_of(&i.operands[0])]),
                 Op::Store => {
                     memory.insert(id_of(&i.operands[0]), of(1));
@@ -165,7 +169,7 @@ pub fn run(module: &Module, arguments: &[u32]) -> u32 {
                     None
                 }
                 Op::ReturnValue => return of(0),
-                Op::Phi | Op::LoopMerge | Op::Variable => None,
+                Op::Phi | Op::LoopMerge | Op::SelectionMerge | Op::Variable => None,
                 other => panic!("{other:?} is in no small module"),
             };
             values.extend(result.map(|value| (i.result_id.expect("it has a result"), value)));
