@@ -67,13 +67,14 @@ impl Way {
         match self {
             Self::Above => Some(above),
             Self::Below => Some(above * flipped),
-            Self::Mirrored(facets) => Some(mirrored(facets.draw(u), wo)),
+            // What a facet sends into the surface is lost.
+            Self::Mirrored(facets) => Some(mirrored(facets.draw(u), wo)).filter(|wi| wi.z > 0.0),
             Self::Passed(facets) => Some(mirrored(facets.draw(u), wo)).filter(|wi| wi.z > 0.0).map(|wi| wi * flipped),
             Self::Refracted(facets, eta) => {
                 let m = facets.draw(u);
                 let cosine = wo.dot(m);
                 let beyond = optics::refracted_cosine(cosine, eta).filter(|_| cosine > 0.0)?;
-                Some(((cosine / eta - beyond) * m - wo / eta).normalize())
+                Some(((cosine / eta - beyond) * m - wo / eta).normalize()).filter(|wi| wi.z < 0.0)
             }
         }
     }
@@ -262,7 +263,8 @@ impl Bsdf {
         let index = f64::from(m.ior);
         let eta = if is_front { index } else { 1.0 / index };
         let facets = facets(m);
-        let bounces = reflectance(wo.z, eta).clamp(0.05, 0.95);
+        // Facets that lean towards `wo` or away from it reflect less or more than the surface as a whole.
+        let bounces = reflectance(wo.z, eta).clamp(0.2, 0.8);
         let glass = |facets| {
             let ways = [Way::Mirrored(facets), Way::Refracted(facets, eta), Way::Above, Way::Below];
             [0.9 * bounces, 0.9 * (1.0 - bounces), 0.1 * bounces, 0.1 * (1.0 - bounces)].into_iter().zip(ways).collect()
@@ -271,7 +273,7 @@ impl Bsdf {
             Surface::Conductor => vec![(0.8, Way::Mirrored(facets)), (0.2, Way::Above)],
             Surface::Dielectric => glass(facets),
             Surface::Plastic { .. } if m.is_rough() => {
-                let coat = bounces.clamp(0.3, 0.8);
+                let coat = bounces.max(0.3);
                 vec![(coat, Way::Mirrored(facets)), (1.0 - coat, Way::Above)]
             }
             Surface::MetalRough => {
@@ -389,4 +391,85 @@ fn normal_reflectance(eta: f64) -> f64 {
 /// An approximation by the reflectance at normal incidence. (Schlick 1994)
 fn schlick(at_normal: DVec3, cosine: f64) -> DVec3 {
     at_normal + (1.0 - at_normal) * (1.0 - cosine).powi(5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use raywave::scene::Principled;
+
+    fn kinds() -> Vec<Material> {
+        let colour = Vec3::new(0.9, 0.5, 0.1);
+        let metal = Material::conductor(Vec3::new(0.2, 0.9, 1.1), Vec3::new(3.9, 2.5, 2.1), 0.4);
+        let sheet = Principled { specular_share: 0.6, flatness: 0.5, diffuse_transmission: 0.4, ..Principled::default() };
+        let mixture = Material::metal_rough(colour, 0.4, 0.5);
+        vec![
+            Material { is_beckmann: true, compensates: false, ..metal.clone() },
+            metal.clone().rough(0.6, 0.2),
+            metal,
+            Material::dielectric(1.5).rough(0.3, 0.3),
+            Material::dielectric(1.8).rough(0.7, 0.7),
+            Material { is_beckmann: true, compensates: false, ..Material::dielectric(0.8).rough(0.4, 0.4) },
+            Material::plastic(colour, 1.5, 0.3),
+            Material { surface: Surface::Plastic { nonlinear: true }, ..Material::plastic(colour, 1.5, 0.6) },
+            Material { coat: 0.8, coat_roughness: 0.3, ..mixture.clone() },
+            mixture,
+            Material { coat: 0.5, coat_roughness: 0.3, ..Material::principled(colour, 1.5, 0.3, Principled { sheen: 0.5, ..Principled::default() }) },
+            Material::principled(colour, 1.5, 0.3, sheet),
+            Material::principled_thin(colour, 1.5, 0.3, sheet),
+        ]
+    }
+
+    /// Mean of f cos over pdf over drawn directions, and of anything of the direction.
+    fn mean_of_drawn(bsdf: &Bsdf, wo: DVec3, is_front: bool, of: impl Fn(&Drawn) -> DVec3) -> DVec3 {
+        const DRAWN: u32 = 1 << 17;
+        let step = DVec3::new(0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3);
+        let points = (0..DRAWN).map(|i| (f64::from(i) * step + 0.5).fract());
+        let drawn = points.filter_map(|u| bsdf.draw(wo, is_front, u.x, DVec2::new(u.y, u.z)));
+        drawn.map(|drawn| of(&drawn)).sum::<DVec3>() / f64::from(DRAWN)
+    }
+
+    #[test]
+    fn directions_that_are_drawn_are_worth_the_integral() {
+        for material in kinds() {
+            let bsdf = Bsdf::new(&material);
+            for (cosine, is_front) in [(0.9_f64, true), (0.4, true), (0.6, false)] {
+                let wo = DVec3::new(0.8, 0.6, 0.0) * (1.0 - cosine * cosine).sqrt() + cosine * DVec3::Z;
+                let (rings, turns) = (500, 500);
+                let mut integral = [DVec3::ZERO; 2];
+                for place in 0..rings * turns {
+                    let z = 2.0 * (f64::from(place / turns) + 0.5) / f64::from(rings) - 1.0;
+                    let turn = DVec2::from_angle(TAU * (f64::from(place % turns) + 0.5) / f64::from(turns));
+                    let wi = (turn * (1.0 - z * z).sqrt()).extend(z);
+                    let value = bsdf.value(wo, wi, is_front) * 2.0 * TAU / f64::from(rings * turns);
+                    integral[usize::from(z < 0.0)] += value;
+                }
+                for (below, integral) in integral.into_iter().enumerate() {
+                    let is_there = |drawn: &Drawn| usize::from(drawn.wi.z < 0.0) == below;
+                    let of = |drawn: &Drawn| if is_there(drawn) { drawn.weight } else { DVec3::ZERO };
+                    let mean = mean_of_drawn(&bsdf, wo, is_front, of);
+                    let off = (mean - integral).abs().max_element();
+                    assert!(off < 8e-3, "{mean} drawn of {integral}, below {below}, of {material:?} at {cosine} {is_front}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_makes_up_for_lost_light_loses_none() {
+        let metal = |alpha| Material::conductor(Vec3::ZERO, Vec3::ONE, alpha);
+        let glass = |ior, alpha| Material::dielectric(ior).rough(alpha, alpha);
+        for material in [metal(0.2), metal(1.0), glass(1.5, 0.5), glass(1.8, 0.7), glass(0.8, 0.3)] {
+            let bsdf = Bsdf::new(&material);
+            for (cosine, is_front) in [(0.9_f64, true), (0.3, true), (0.6, false)] {
+                let wo = DVec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
+                let index = if is_front { f64::from(material.ior) } else { 1.0 / f64::from(material.ior) };
+                // Power, not radiance.
+                let of = |drawn: &Drawn| drawn.weight * if drawn.wi.z < 0.0 { index * index } else { 1.0 };
+                let mean = mean_of_drawn(&bsdf, wo, is_front, of).x;
+                assert!((mean - 1.0).abs() < 8e-3, "{mean} of {material:?} at {cosine} {is_front}");
+            }
+        }
+    }
 }

@@ -214,11 +214,22 @@ mod tests {
     }
 
     #[test]
-    fn narrow_facets_lose_nothing_and_wide_ones_some() {
-        let lost = |alpha| ByCosine::lost_by_mirrors(Facets::round(alpha));
-        assert!(lost(0.01).mean.abs() < 1e-3);
-        // Wide ones lose about two fifths of what arrives. (Heitz et al. 2016, figure 10, has 0.6 left)
-        assert!((0.35..0.50).contains(&lost(1.0).mean), "{}", lost(1.0).mean);
-        assert!(lost(1.0).at(0.9) > lost(0.5).at(0.9));
+    fn light_that_is_lost_is_what_reflection_leaves() {
+        for alpha in [0.2, 0.6, 1.0] {
+            let lost = ByCosine::lost_by_mirrors(Facets::round(alpha));
+            for cosine in [0.9_f64, 0.5, 0.2] {
+                let wo = DVec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
+                let (rings, turns) = (400, 400);
+                let mut kept = 0.0;
+                for place in 0..rings * turns {
+                    let z = (f64::from(place / turns) + 0.5) / f64::from(rings);
+                    let turn = DVec2::from_angle(TAU * (f64::from(place % turns) + 0.5) / f64::from(turns));
+                    let wi = (turn * (1.0 - z * z).sqrt()).extend(z);
+                    kept += Facets::round(alpha).mirrored(wo, wi) * TAU / f64::from(rings * turns);
+                }
+                assert!((1.0 - kept - lost.at(cosine)).abs() < 2e-3, "{kept} kept, {} lost", lost.at(cosine));
+            }
+        }
+        assert!(ByCosine::lost_by_mirrors(Facets::round(0.01)).mean.abs() < 1e-3);
     }
 }
