@@ -19,8 +19,8 @@ use raywave::gpu::Device;
 use raywave::image::{Image, WriteOptions, read_image, write_image};
 use raywave::render::Session;
 use raywave::scene::{
-    Camera, Environment, Falloff, Light, Lookup, Material, Parameter, Principled, Scene, SceneBuilder, Surface, Texture, Wrap,
-    shapes,
+    Camera, Environment, Falloff, Light, Lookup, Material, Parameter, Principled, Scene, SceneBuilder, Surface,
+    Texture, Wrap, shapes,
 };
 use raywave::settings::Integrator::{self, Explicit, Implicit, Mis};
 use raywave::settings::RouletteMode::{self, Constant, Throughput};
@@ -351,7 +351,14 @@ fn disney_and_mixtures() -> Vec<Material> {
         images.iter().for_each(|(parameter, image)| textures[*parameter as usize] = Some(*image));
         Material { textures, ..material }
     };
-    let cloth = Principled { anisotropy: 0.8, sheen: 0.9, sheen_tint: 0.6, specular_tint: 0.7, flatness: 0.4, ..Default::default() };
+    let cloth = Principled {
+        anisotropy: 0.8,
+        sheen: 0.9,
+        sheen_tint: 0.6,
+        specular_tint: 0.7,
+        flatness: 0.4,
+        ..Default::default()
+    };
     let glassy = Principled { specular_share: 0.7, sheen: 0.5, ..Default::default() };
     let leaf = Principled {
         anisotropy: 0.5,
@@ -389,7 +396,8 @@ fn boxes(camera: Camera, materials: Vec<Material>) -> SceneBuilder {
     let bare = SceneBuilder::new(camera).resolution(48, 32);
     let all = materials.into_iter().fold(bare, SceneBuilder::material);
     let room = all.material(Material::diffuse(Vec3::new(0.6, 0.5, 0.4)));
-    let floor = room.polygon(&[dvec3(-3.0, 0.0, 3.0), dvec3(3.0, 0.0, 3.0), dvec3(3.0, 0.0, -3.0), dvec3(-3.0, 0.0, -3.0)]);
+    let floor =
+        room.polygon(&[dvec3(-3.0, 0.0, 3.0), dvec3(3.0, 0.0, 3.0), dvec3(3.0, 0.0, -3.0), dvec3(-3.0, 0.0, -3.0)]);
     (0..16).fold(floor, |scene, place| {
         let corner = dvec3(f64::from(place % 4) * 1.4 - 2.6, 0.05, f64::from(place / 4) * 1.4 - 2.6);
         scene.polygons(shapes::cuboid(corner, corner + dvec3(1.0, 0.4 + 0.2 * f64::from(place % 3), 1.0)))
@@ -469,17 +477,23 @@ fn metals_glass_and_coats_under_a_lamp_and_a_spot() {
 
 #[test]
 fn disneys_materials_and_mixtures_under_a_sky_seen_from_far() {
-    let camera = Camera { orthographic: Some(6.4), ..Camera::pinhole(dvec3(1.5, 5.0, 5.0), dvec3(0.0, 0.2, 0.1), 40.0) };
+    let camera =
+        Camera { orthographic: Some(6.4), ..Camera::pinhole(dvec3(1.5, 5.0, 5.0), dvec3(0.0, 0.2, 0.1), 40.0) };
     let scene = boxes(camera, disney_and_mixtures())
         .environment(Environment::Constant(Vec3::new(0.3, 0.4, 0.6)))
-        .light(Light::Directional { direction: dvec3(-0.3, -1.0, -0.4).normalize(), irradiance: Vec3::new(1.2, 1.0, 0.7) })
+        .light(Light::Directional {
+            direction: dvec3(-0.3, -1.0, -0.4).normalize(),
+            irradiance: Vec3::new(1.2, 1.0, 0.7),
+        })
         .light(Light::Point { position: dvec3(-2.0, 3.0, 2.0), intensity: Vec3::new(3.0, 2.0, 2.0) });
     let mut scene = with_materials_of_boxes(scene);
     let turned = Affine2::from_scale_angle_translation(Vec2::new(1.7, 2.3), 0.4, Vec2::new(0.3, -0.8));
     scene.textures = vec![
         image(Lookup::default(), |i| Vec3::new(0.2, 0.5, 0.8) + 0.05 * Vec3::new(1.0, -1.0, 0.3) * i as f32),
         image(Lookup { transform: turned, wrap: Wrap::Clamp, is_smooth: true }, |i| Vec3::splat(0.08 * (1 + i) as f32)),
-        image(Lookup { transform: turned, wrap: Wrap::Mirror, is_smooth: false }, |i| Vec3::splat(((5 * i) % 12) as f32 / 12.0)),
+        image(Lookup { transform: turned, wrap: Wrap::Mirror, is_smooth: false }, |i| {
+            Vec3::splat(((5 * i) % 12) as f32 / 12.0)
+        }),
     ];
     check_by_oracle("disney", &scene, Mis, [512, 96]);
     check_by_oracle("disney", &scene, Explicit, [512, 96]);

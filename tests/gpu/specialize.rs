@@ -15,7 +15,8 @@ use raywave::settings::{Integrator, RouletteMode, Sampler, Scheduler, Settings, 
 fn all_scenes() -> Vec<Scene> {
     let entries = fs::read_dir(project_file("scenes")).expect("the folder of scenes is readable");
     let paths = entries.map(|entry| entry.expect("its entries are readable").path());
-    let is_scene = |path: &PathBuf| path.extension().is_some_and(|end| ["toml", "xml", "gltf"].iter().any(|e| end == *e));
+    let is_scene =
+        |path: &PathBuf| path.extension().is_some_and(|end| ["toml", "xml", "gltf"].iter().any(|e| end == *e));
     let own = paths.filter(is_scene);
     own.map(|path| Scene::load(&path).expect("own scenes load")).chain([gallery(5000)]).collect()
 }

@@ -26,11 +26,17 @@ pub struct Bsdf {
 enum Integrals {
     None,
     /// Light that facets of a mirror lose, and the mean reflectance of a metal.
-    Metal { lost: ByCosine, mean_reflectance: DVec3 },
+    Metal {
+        lost: ByCosine,
+        mean_reflectance: DVec3,
+    },
     /// Light that facets of an interface lose outside and inside.
     Glass([ByCosine; 2]),
     /// Light that a coat lets in, and the share of diffuse light inside that it sends back.
-    Coat { through: Option<ByCosine>, inner: f64 },
+    Coat {
+        through: Option<ByCosine>,
+        inner: f64,
+    },
 }
 
 /// A direction that was drawn.
@@ -109,10 +115,16 @@ impl Bsdf {
         // Of two widths light that facets lose is that of their geometric mean.
         let round = Facets { alpha: DVec2::splat((facets.alpha.x * facets.alpha.y).sqrt()), ..facets };
         let integrals = match material.surface {
-            Surface::Conductor | Surface::MetalRough if material.is_rough() && material.compensates => Integrals::Metal {
-                lost: ByCosine::lost_by_mirrors(round),
-                mean_reflectance: if material.surface == Surface::Conductor { mean_of_metal(material) } else { DVec3::ZERO },
-            },
+            Surface::Conductor | Surface::MetalRough if material.is_rough() && material.compensates => {
+                Integrals::Metal {
+                    lost: ByCosine::lost_by_mirrors(round),
+                    mean_reflectance: if material.surface == Surface::Conductor {
+                        mean_of_metal(material)
+                    } else {
+                        DVec3::ZERO
+                    },
+                }
+            }
             Surface::Dielectric if material.is_rough() && material.compensates => {
                 Integrals::Glass([eta, 1.0 / eta].map(|eta| ByCosine::lost_by_glass(round, eta)))
             }
@@ -251,7 +263,8 @@ impl Bsdf {
         // What gets in, by the direction, over its mean: as much gets out. (Ashikhmin and Shirley 2000)
         let gets_in = |cosine| 1.0 - schlick(dielectric, cosine);
         let mean = (1.0 - dielectric) * (20.0 / 21.0);
-        let body = colour * (1.0 - metal) * gets_in(wo.z) * gets_in(wi.z) / mean.max(DVec3::splat(1e-9)) * wi.z * FRAC_1_PI;
+        let body =
+            colour * (1.0 - metal) * gets_in(wo.z) * gets_in(wi.z) / mean.max(DVec3::splat(1e-9)) * wi.z * FRAC_1_PI;
         let coat = |cosine| f64::from(m.coat) * schlick(DVec3::splat(0.04), cosine).x;
         let below = (1.0 - coat(wo.z)) * (1.0 - coat(wi.z));
         below * (facets + body) + coat(cosine) * coat_facets(m).mirrored(wo, wi)
@@ -402,7 +415,8 @@ mod tests {
     fn kinds() -> Vec<Material> {
         let colour = Vec3::new(0.9, 0.5, 0.1);
         let metal = Material::conductor(Vec3::new(0.2, 0.9, 1.1), Vec3::new(3.9, 2.5, 2.1), 0.4);
-        let sheet = Principled { specular_share: 0.6, flatness: 0.5, diffuse_transmission: 0.4, ..Principled::default() };
+        let sheet =
+            Principled { specular_share: 0.6, flatness: 0.5, diffuse_transmission: 0.4, ..Principled::default() };
         let mixture = Material::metal_rough(colour, 0.4, 0.5);
         vec![
             Material { is_beckmann: true, compensates: false, ..metal.clone() },
@@ -415,7 +429,11 @@ mod tests {
             Material { surface: Surface::Plastic { nonlinear: true }, ..Material::plastic(colour, 1.5, 0.6) },
             Material { coat: 0.8, coat_roughness: 0.3, ..mixture.clone() },
             mixture,
-            Material { coat: 0.5, coat_roughness: 0.3, ..Material::principled(colour, 1.5, 0.3, Principled { sheen: 0.5, ..Principled::default() }) },
+            Material {
+                coat: 0.5,
+                coat_roughness: 0.3,
+                ..Material::principled(colour, 1.5, 0.3, Principled { sheen: 0.5, ..Principled::default() })
+            },
             Material::principled(colour, 1.5, 0.3, sheet),
             Material::principled_thin(colour, 1.5, 0.3, sheet),
         ]
@@ -450,7 +468,10 @@ mod tests {
                     let of = |drawn: &Drawn| if is_there(drawn) { drawn.weight } else { DVec3::ZERO };
                     let mean = mean_of_drawn(&bsdf, wo, is_front, of);
                     let off = (mean - integral).abs().max_element();
-                    assert!(off < 8e-3, "{mean} drawn of {integral}, below {below}, of {material:?} at {cosine} {is_front}");
+                    assert!(
+                        off < 8e-3,
+                        "{mean} drawn of {integral}, below {below}, of {material:?} at {cosine} {is_front}"
+                    );
                 }
             }
         }

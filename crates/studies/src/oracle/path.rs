@@ -232,8 +232,7 @@ impl<'a> Reference<'a> {
             path.casts_shadow_ray.push(false);
             let Some(vertex) = self.trace(&ray) else {
                 if sees_emission {
-                    let weight =
-                        strategies.filter(|_| mis).map_or(1.0, |s| power_heuristic(s.own, s.of_sky));
+                    let weight = strategies.filter(|_| mis).map_or(1.0, |s| power_heuristic(s.own, s.of_sky));
                     path.radiance += self.clamped(throughput * self.sky * weight, bounce);
                 }
                 break;
@@ -484,7 +483,8 @@ fn sky_density(bsdf: &Bsdf, wi: DVec3) -> f64 {
 
 /// Light that arrives at a point from a light that is no surface, as docs/scene-format.md and Mitsuba define it.
 fn arriving(light: &Light, at: DVec3) -> Option<LightSample> {
-    let sample = |direction, distance, radiance| LightSample { facet: None, direction, distance, radiance, density: None };
+    let sample =
+        |direction, distance, radiance| LightSample { facet: None, direction, distance, radiance, density: None };
     let from = |position: DVec3, intensity: DVec3| {
         let distance = position.distance(at);
         (distance > 0.0).then(|| sample((position - at) / distance, distance, intensity / (distance * distance)))

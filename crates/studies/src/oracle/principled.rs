@@ -71,8 +71,7 @@ pub fn value(material: &Material, wo: DVec3, wi: DVec3, is_front: bool) -> DVec3
         let h = (wo + flat).normalize();
         if wi.z > 0.0 {
             let (body, cloth) = diffuse(h);
-            return (1.0 - share) * (1.0 - through) * (body + cloth)
-                + share * tinted(wo.dot(h)) * own.mirrored(wo, wi);
+            return (1.0 - share) * (1.0 - through) * (body + cloth) + share * tinted(wo.dot(h)) * own.mirrored(wo, wi);
         }
         let passes = if wi.dot(h) < 0.0 { 1.0 - reflectance(wo.dot(h), eta) } else { 0.0 };
         let passed = facets_through(material).mirrored(wo, flat);

@@ -49,7 +49,8 @@ pub fn looked_up(scene: &Scene, material: &Material, uv: DVec2) -> Material {
 /// What an image gives at texture coordinates: texel centres at (i + ½)/n, row 0 at the top, v = 1.
 fn at(texture: &Texture, uv: DVec2) -> Vec3 {
     let lookup = texture.lookup;
-    let affine = DAffine2::from_mat2_translation(lookup.transform.matrix2.as_dmat2(), lookup.transform.translation.as_dvec2());
+    let affine =
+        DAffine2::from_mat2_translation(lookup.transform.matrix2.as_dmat2(), lookup.transform.translation.as_dvec2());
     let uv = affine.transform_point2(uv);
     let place = DVec2::new(uv.x * f64::from(texture.width), (1.0 - uv.y) * f64::from(texture.height));
     let texel = |x: f64, y: f64| {
@@ -65,7 +66,8 @@ fn at(texture: &Texture, uv: DVec2) -> Vec3 {
             };
             at as usize
         };
-        let [r, g, b, _] = texture.texels[within(y, texture.height) * texture.width as usize + within(x, texture.width)];
+        let [r, g, b, _] =
+            texture.texels[within(y, texture.height) * texture.width as usize + within(x, texture.width)];
         Vec3::new(r.to_f32(), g.to_f32(), b.to_f32())
     };
     if !lookup.is_smooth {

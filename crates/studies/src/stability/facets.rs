@@ -97,8 +97,8 @@ fn kinds(alpha: f32) -> Vec<Material> {
 /// Strips of floor, one of each material, seen from far away under a white sky; each shows its albedo.
 fn strips(materials: Vec<Material>, cosine: f64) -> SceneBuilder {
     let count = materials.len() as f64;
-    // Strips run away from the view, and are long enough to fill it.
-    let eye = dvec3(0.0, cosine, (1.0 - cosine * cosine).sqrt());
+    // Strips run away from the view, and are long enough to fill it. The eye is high enough that all of it is above them.
+    let eye = dvec3(0.0, cosine, (1.0 - cosine * cosine).sqrt()) / cosine;
     let camera = Camera { orthographic: Some(1.0), up: -DVec3::Z, ..Camera::pinhole(eye, DVec3::ZERO, 40.0) };
     let camera = if cosine < 0.999 { Camera { up: DVec3::Y, ..camera } } else { camera };
     let far = 1.0 / cosine;
@@ -203,7 +203,11 @@ fn white_metal(along: f32, across: f32) -> Material {
 fn aspect(lab: &Lab<'_>) -> Vec<Trial> {
     let run = |(aspect, required): (f64, bool)| {
         let metal = white_metal(0.5, (0.5 / aspect) as f32);
-        trial(tell(aspect), required, worst_strip(lab, vec![metal], FRAC_1_SQRT_2, |material, wo| albedo(material, wo, POINTS)))
+        trial(
+            tell(aspect),
+            required,
+            worst_strip(lab, vec![metal], FRAC_1_SQRT_2, |material, wo| albedo(material, wo, POINTS)),
+        )
     };
     lab.ladder(&[1.0, 10.0, 100.0, 1000.0], &[1e5]).into_iter().map(run).collect()
 }
