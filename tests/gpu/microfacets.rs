@@ -90,6 +90,23 @@ fn every_material() -> Vec<Material> {
     [metals(), rough_glass(), coats(), compensated(), principled()].concat()
 }
 
+/// Materials of the widest lobes that there are, and of Beckmann's distribution.
+fn widest() -> Vec<Material> {
+    let colour = Vec3::new(0.9, 0.5, 0.1);
+    let beckmann = |material| Material { is_beckmann: true, ..lossy(material) };
+    let glassy = Principled { specular_share: 0.7, sheen: 0.5, ..Principled::default() };
+    vec![
+        beckmann(Material::conductor(ETA, ABSORPTION, 1.0)),
+        beckmann(Material::conductor(ETA, ABSORPTION, 0.2).rough(0.4, 0.2)),
+        beckmann(Material::dielectric(1.5).rough(0.4, 0.4)),
+        beckmann(Material::plastic(colour, 1.5, 0.2)),
+        Material::plastic(colour, 1.5, 1.0),
+        Material { coat: 0.8, coat_roughness: 1.0, ..Material::metal_rough(colour, 0.5, 1.0) },
+        Material::principled(colour, 1.5, 1.0, glassy),
+        Material::principled_thin(colour, 1.5, 1.0, Principled { diffuse_transmission: 0.4, ..glassy }),
+    ]
+}
+
 /// Whether what it transmits is bent, so that radiance scales with the square of the index.
 fn refracts(material: &Material) -> bool {
     material.surface == Surface::Dielectric || material.has_inside()
@@ -123,7 +140,7 @@ fn tolerance(material: &Material) -> (f64, f64) {
 #[test]
 fn values_are_those_of_the_oracle_and_the_same_both_ways() {
     const N: usize = 1 << 12;
-    let materials = every_material();
+    let materials = [every_material(), widest()].concat();
     let bench = Bench::new(&common::device(), &scene_of_materials(materials.clone()));
     let mut random = Uniform::new(11);
     let mut queries = Vec::new();
