@@ -84,7 +84,9 @@ pub fn render(scene: &Scene, settings: &Settings) -> Outcome {
 
 /// A scene of `scenes/`.
 pub fn own_scene(name: &str) -> Scene {
-    Scene::load(&project_file(&format!("scenes/{name}.toml"))).expect("own scenes load")
+    let files = ["toml", "xml", "gltf"].map(|extension| project_file(&format!("scenes/{name}.{extension}")));
+    let file = files.iter().find(|file| file.exists()).expect("tests name scenes that there are");
+    Scene::load(file).expect("own scenes load")
 }
 
 /// A gallery of about so many triangles.

@@ -17,7 +17,7 @@ use raywave::settings::{Integrator, Numerics, Sampler, Scheduler, Settings};
 use raywave::shaders::Forms;
 use serde::{Deserialize, Serialize};
 
-const SCENES: [&str; 8] = [
+const SCENES: [&str; 10] = [
     "cornell-box",
     "cornell-caustic",
     "cornell-glass",
@@ -26,6 +26,8 @@ const SCENES: [&str; 8] = [
     "smooth",
     "textured-sky",
     "gallery",
+    "materials",
+    "still-life",
 ];
 /// Triangles of the gallery, about.
 const GALLERY_TRIANGLES: usize = 5000;

@@ -6,6 +6,7 @@ use std::f64::consts::{PI, TAU};
 use crate::probe::{Bench, BsdfAnswer, SurfaceQuery, Uniform, scene_of_materials, spherical, vector};
 use glam::{DVec2, DVec3, Vec3};
 use raywave::scene::{Material, Principled, Surface};
+use raywave_studies::oracle::bsdf::Bsdf;
 use raywave_studies::oracle::optics;
 use raywave_studies::stats::{chi_square, sidak_level};
 
@@ -89,6 +90,23 @@ fn every_material() -> Vec<Material> {
     [metals(), rough_glass(), coats(), compensated(), principled()].concat()
 }
 
+/// Materials of the widest lobes that there are, and of Beckmann's distribution.
+fn widest() -> Vec<Material> {
+    let colour = Vec3::new(0.9, 0.5, 0.1);
+    let beckmann = |material| Material { is_beckmann: true, ..lossy(material) };
+    let glassy = Principled { specular_share: 0.7, sheen: 0.5, ..Principled::default() };
+    vec![
+        beckmann(Material::conductor(ETA, ABSORPTION, 1.0)),
+        beckmann(Material::conductor(ETA, ABSORPTION, 0.2).rough(0.4, 0.2)),
+        beckmann(Material::dielectric(1.5).rough(0.4, 0.4)),
+        beckmann(Material::plastic(colour, 1.5, 0.2)),
+        Material::plastic(colour, 1.5, 1.0),
+        Material { coat: 0.8, coat_roughness: 1.0, ..Material::metal_rough(colour, 0.5, 1.0) },
+        Material::principled(colour, 1.5, 1.0, glassy),
+        Material::principled_thin(colour, 1.5, 1.0, Principled { diffuse_transmission: 0.4, ..glassy }),
+    ]
+}
+
 /// Whether what it transmits is bent, so that radiance scales with the square of the index.
 fn refracts(material: &Material) -> bool {
     material.surface == Surface::Dielectric || material.has_inside()
@@ -107,10 +125,22 @@ fn local(normal: DVec3, wo: DVec3, direction: DVec3) -> DVec3 {
     DVec3::new(direction.dot(x), direction.dot(y), direction.dot(n))
 }
 
+/// How far values may be from the oracle's, as a share and by itself: by the rounding of narrow lobes, and by the steps of the
+/// tables that kernels look up where the oracle integrates.
+fn tolerance(material: &Material) -> (f64, f64) {
+    let narrow = 1e-4 / f64::from(material.roughness.min_element()).min(1.0);
+    match material.surface {
+        surface if surface.is_principled() => (1e-3, 1e-6),
+        Surface::Plastic { .. } => (4e-3, 1e-3),
+        _ if material.compensates => (4e-3, 1e-3),
+        _ => (narrow, 1e-6),
+    }
+}
+
 #[test]
-fn values_are_those_of_the_formulas_and_the_same_both_ways() {
-    const N: usize = 1 << 13;
-    let materials = [metals(), rough_glass()].concat();
+fn values_are_those_of_the_oracle_and_the_same_both_ways() {
+    const N: usize = 1 << 12;
+    let materials = [every_material(), widest()].concat();
     let bench = Bench::new(&common::device(), &scene_of_materials(materials.clone()));
     let mut random = Uniform::new(11);
     let mut queries = Vec::new();
@@ -123,6 +153,7 @@ fn values_are_those_of_the_formulas_and_the_same_both_ways() {
         }
     }
     let answers: Vec<BsdfAnswer> = bench.run("bsdf", &queries);
+    let bsdfs: Vec<Bsdf> = materials.iter().map(Bsdf::new).collect();
     let mut compared = vec![0; materials.len()];
     for (pair, answer) in queries.chunks(2).zip(answers.chunks(2)) {
         let query = pair[0];
@@ -134,48 +165,26 @@ fn values_are_those_of_the_formulas_and_the_same_both_ways() {
         if o.z < 0.02 || i.z.abs() < 0.02 {
             continue;
         }
-        let exact = optics::facets(material, o, i, is_front);
+        let exact = bsdfs[index].value(o, i, is_front);
         let [there, back] = [0, 1].map(|k: usize| Vec3::from(answer[k].value).as_dvec3());
-        let tolerance = 1e-4 / f64::from(material.roughness.min_element()).min(1.0);
+        let (share, rest) = tolerance(material);
         let off = (there - exact).abs();
-        assert!(off.cmple(tolerance * exact + 1e-6).all(), "{there} is not {exact} of {material:?}: {o} {i}");
+        assert!(off.cmple(share * exact + rest).all(), "{there} is not {exact} of {material:?}: {o} {i}");
+        compared[index] += usize::from(exact != DVec3::ZERO);
+        if material.surface.is_principled() {
+            continue;
+        }
         // f over the square of the index where the light goes is the same both ways. (Veach 1997, 5.2)
         let transmits = material.surface == Surface::Dielectric;
         let index_at = |front: bool| if transmits && !front { f64::from(material.ior) } else { 1.0 };
         let f = there / i.z.abs() / index_at(is_front).powi(2);
         let g = back / o.z / index_at(normal.dot(wi) > 0.0).powi(2);
         let off = (f - g).abs();
+        let rounding = 1e-3 / f64::from(material.roughness.min_element()).min(1.0);
         // Near total reflection what gets through is a difference of roundings.
-        assert!(off.cmple(10.0 * tolerance * f + 1e-4).all(), "{f} there, {g} back of {material:?}: {o} {i}");
-        compared[index] += usize::from(exact != DVec3::ZERO);
+        assert!(off.cmple(rounding * f + 1e-4).all(), "{f} there, {g} back of {material:?}: {o} {i}");
     }
     assert!(compared.iter().all(|count| *count > N / 50), "values above zero: {compared:?}");
-}
-
-#[test]
-fn principled_values_are_those_of_the_formulas() {
-    const N: usize = 1 << 13;
-    let materials = principled();
-    let bench = Bench::new(&common::device(), &scene_of_materials(materials.clone()));
-    let mut random = Uniform::new(18);
-    let queries: Vec<SurfaceQuery> = (0..materials.len() * N)
-        .map(|i| SurfaceQuery::new(i / N, random.direction(), random.direction(), random.direction()))
-        .collect();
-    let mut compared = vec![0; materials.len()];
-    for (query, answer) in queries.iter().zip(bench.run::<_, BsdfAnswer>("bsdf", &queries)) {
-        let index = query.material[0] as usize;
-        let (normal, wo, wi) = (vector(query.geometric_normal), vector(query.wo), vector(query.wi));
-        let (o, i) = (local(normal, wo, wo), local(normal, wo, wi));
-        if o.z < 0.02 || i.z.abs() < 0.02 {
-            continue;
-        }
-        let exact = optics::principled(&materials[index], o, i, normal.dot(wo) > 0.0);
-        let value = Vec3::from(answer.value).as_dvec3();
-        let off = (value - exact).abs();
-        assert!(off.cmple(1e-3 * exact + 1e-6).all(), "{value} is not {exact} of {:?}: {o} {i}", materials[index]);
-        compared[index] += usize::from(exact != DVec3::ZERO);
-    }
-    assert!(compared.iter().all(|count| *count > N / 3), "values above zero: {compared:?}");
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! Whole images against references that another renderer made (see `tests/references`): every integrator
-//! by every sampler and roulette.
+//! Whole images against references that another renderer made (see `tests/references`), every integrator by every sampler
+//! and roulette; and rooms of every kind of material against the oracle's path tracer in `f64`.
 //!
 //! Images are compared by z-tests of the means of 8x8-pixel blocks, each channel, and of the whole
 //! image, held together to one level by Šidák's correction. Seeds are fixed, so a test that
@@ -8,18 +8,25 @@
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use crate::common::project::output_folder;
 use crate::common::{assert_silent, device, own_scene, prepare, project_file, render_on, samples_on, tries};
-use glam::DVec3;
+use glam::{Affine2, DVec3, Vec2, Vec3, dvec3};
+use half::f16;
+use rayon::prelude::*;
 use raywave::gpu::Device;
 use raywave::image::{Image, WriteOptions, read_image, write_image};
 use raywave::render::Session;
-use raywave::scene::{Environment, Scene};
+use raywave::scene::{
+    Camera, Environment, Falloff, Light, Lookup, Material, Parameter, Principled, Scene, SceneBuilder, Surface,
+    Texture, Wrap, shapes,
+};
 use raywave::settings::Integrator::{self, Explicit, Implicit, Mis};
 use raywave::settings::RouletteMode::{self, Constant, Throughput};
 use raywave::settings::Sampler::{self, Independent, Sobol};
 use raywave::settings::Settings;
+use raywave_studies::oracle::Reference;
 use raywave_studies::stats::{sidak_level, z_test};
 
 /// Probability that a right image fails.
@@ -299,4 +306,195 @@ fn the_comparison_sees_a_small_bias() {
     ours.mean.pixels.iter_mut().for_each(|pixel| *pixel *= 1.02);
     let verdict = compare(&ours, &reference);
     assert!(verdict.smallest_p < verdict.allowed_p);
+}
+
+/// Copper, by Mitsuba's table.
+fn copper(alpha: f32) -> Material {
+    Material::conductor(Vec3::new(0.200, 0.924, 1.102), Vec3::new(3.912, 2.452, 2.142), alpha)
+}
+
+const ORANGE: Vec3 = Vec3::new(0.9, 0.5, 0.1);
+
+fn lossy(material: Material) -> Material {
+    Material { compensates: false, ..material }
+}
+
+/// Metals, glass, plastics and mixtures of metal.
+fn metals_and_coats() -> Vec<Material> {
+    let tinted = |material| Material { transmission: Vec3::new(0.9, 0.7, 0.5), ..material };
+    let beckmann = |material| Material { is_beckmann: true, ..lossy(material) };
+    let nonlinear = |material| Material { surface: Surface::Plastic { nonlinear: true }, ..material };
+    vec![
+        copper(0.0),
+        copper(0.2),
+        copper(0.8),
+        lossy(copper(0.3)).rough(0.6, 0.1),
+        beckmann(copper(0.25)),
+        tinted(Material::dielectric(1.5).rough(0.2, 0.2)),
+        tinted(Material::dielectric(1.8).rough(0.7, 0.7)),
+        beckmann(Material::dielectric(1.5).rough(0.15, 0.15)),
+        Material { surface: Surface::ThinDielectric, ..tinted(Material::dielectric(1.7)) },
+        Material::plastic(ORANGE, 1.5, 0.0),
+        Material::plastic(ORANGE, 1.5, 0.15),
+        nonlinear(Material { is_beckmann: true, ..Material::plastic(ORANGE, 1.7, 0.3) }),
+        Material::metal_rough(ORANGE, 0.0, 0.25),
+        Material::metal_rough(ORANGE, 0.6, 0.7),
+        Material { coat: 0.9, coat_roughness: 0.1, ..Material::metal_rough(ORANGE, 0.3, 0.3) },
+        Material { emission: Vec3::new(0.1, 0.3, 0.6), is_pure_emitter: false, ..Material::diffuse(Vec3::splat(0.5)) },
+    ]
+}
+
+/// Disney's materials, and materials that are made of others: those of the first places are parts of the last.
+fn disney_and_mixtures() -> Vec<Material> {
+    let textured = |material: Material, images: &[(Parameter, u32)]| {
+        let mut textures = [None; Parameter::COUNT];
+        images.iter().for_each(|(parameter, image)| textures[*parameter as usize] = Some(*image));
+        Material { textures, ..material }
+    };
+    let cloth = Principled {
+        anisotropy: 0.8,
+        sheen: 0.9,
+        sheen_tint: 0.6,
+        specular_tint: 0.7,
+        flatness: 0.4,
+        ..Default::default()
+    };
+    let glassy = Principled { specular_share: 0.7, sheen: 0.5, ..Default::default() };
+    let leaf = Principled {
+        anisotropy: 0.5,
+        sheen: 0.7,
+        specular_share: 0.6,
+        flatness: 0.5,
+        diffuse_transmission: 0.4,
+        ..Default::default()
+    };
+    let coated = |material| Material { metalness: 0.3, coat: 0.8, coat_roughness: 0.08, ..material };
+    let made_of = |surface| Material { surface, ..Material::diffuse(Vec3::ZERO) };
+    vec![
+        Material::principled(ORANGE, 1.5, 0.16, Principled::default()),
+        coated(Material::principled(ORANGE, 1.5, 0.49, cloth)),
+        Material::principled(ORANGE, 1.4, 0.36, glassy),
+        Material::principled_thin(ORANGE, 1.33, 0.25, leaf),
+        textured(Material::diffuse(Vec3::ONE), &[(Parameter::Diffuse, 0)]),
+        textured(lossy(copper(0.3)), &[(Parameter::Roughness, 1)]),
+        textured(Material::metal_rough(ORANGE, 0.5, 0.3), &[(Parameter::Metalness, 2)]),
+        Material::dielectric(1.5),
+        Material::mirror(Vec3::splat(0.9)),
+        made_of(Surface::Nothing),
+        Material { weight: 0.3, ..made_of(Surface::Blend(1, 4)) },
+        Material { weight: 0.6, ..made_of(Surface::Blend(0, 9)) },
+        textured(made_of(Surface::Blend(9, 4)), &[(Parameter::Weight, 1)]),
+        made_of(Surface::Sides { front: 5, back: 4 }),
+        Material { weight: 0.5, ..made_of(Surface::Blend(13, 8)) },
+        Material::phong(ORANGE * 0.4, Vec3::splat(0.5), 30.0),
+    ]
+}
+
+/// Sixteen boxes on a floor, each of another material, with texture coordinates from 0 to 1 on every face. The materials have
+/// the first places in the scene.
+fn boxes(camera: Camera, materials: Vec<Material>) -> SceneBuilder {
+    let bare = SceneBuilder::new(camera).resolution(48, 32);
+    let all = materials.into_iter().fold(bare, SceneBuilder::material);
+    let room = all.material(Material::diffuse(Vec3::new(0.6, 0.5, 0.4)));
+    let floor =
+        room.polygon(&[dvec3(-3.0, 0.0, 3.0), dvec3(3.0, 0.0, 3.0), dvec3(3.0, 0.0, -3.0), dvec3(-3.0, 0.0, -3.0)]);
+    (0..16).fold(floor, |scene, place| {
+        let corner = dvec3(f64::from(place % 4) * 1.4 - 2.6, 0.05, f64::from(place / 4) * 1.4 - 2.6);
+        scene.polygons(shapes::cuboid(corner, corner + dvec3(1.0, 0.4 + 0.2 * f64::from(place % 3), 1.0)))
+    })
+}
+
+/// Ends such a scene: gives each box its material, and faces their texture coordinates.
+fn with_materials_of_boxes(scene: SceneBuilder) -> Scene {
+    let mut scene = scene.build();
+    let corners = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+    scene.mesh.uvs = (0..scene.mesh.positions.len()).map(|i| corners[i % 4]).collect();
+    for (i, triangle) in scene.mesh.triangles.iter_mut().enumerate() {
+        triangle.uvs = triangle.positions;
+        // Two triangles of the floor, then twelve of each box.
+        if (2..2 + 16 * 12).contains(&i) {
+            triangle.material = (i as u32 - 2) / 12;
+        }
+    }
+    scene
+}
+
+fn image(lookup: Lookup, texel: impl Fn(u32) -> Vec3) -> Texture {
+    let texels: Vec<[f16; 4]> = (0..12).map(|i| texel(i).extend(1.0).to_array().map(f16::from_f32)).collect();
+    Texture { path: PathBuf::new(), width: 4, height: 3, texels: Arc::from(texels), lookup }
+}
+
+/// Light that the oracle finds, by as many samples of each pixel.
+fn traced(scene: &Scene, settings: &Settings, samples: u32) -> Estimate {
+    let settings = Settings { seed: 77, sampler: Independent, ..*settings };
+    let reference = Reference::new(scene, &settings).expect("the oracle knows the scene");
+    let pixel = |pixel: u32| {
+        let radiances = (0..samples).map(|sample| reference.path(pixel, sample).radiance);
+        let (sum, squares) = radiances.fold((DVec3::ZERO, DVec3::ZERO), |(sum, squares), r| (sum + r, squares + r * r));
+        let (n, mean) = (f64::from(samples), sum / f64::from(samples));
+        (mean.as_vec3(), ((squares / n - mean * mean) / (n - 1.0)).as_vec3())
+    };
+    let pixels: Vec<_> = (0..settings.width * settings.height).into_par_iter().map(pixel).collect();
+    let (mean, variance) = pixels.into_iter().unzip();
+    let image = |pixels| Image::new(settings.width, settings.height, pixels);
+    let brightest_path = f64::from(brightest_light(scene)) / f64::from(samples);
+    Estimate { mean: image(mean), variance: image(variance), brightest_path }
+}
+
+/// Renders a scene here and by the oracle.
+fn check_by_oracle(case: &str, scene: &Scene, integrator: Integrator, samples: [u32; 2]) {
+    let device = device();
+    let settings = Settings {
+        integrator,
+        sampler: Independent,
+        samples: samples_on(&device, samples[0]),
+        max_bounces: Some(4),
+        ..scene.settings
+    };
+    let film = render_on(&device, scene, &settings).film;
+    let brightest_path = f64::from(brightest_light(scene)) / f64::from(settings.samples);
+    let ours = Estimate { mean: film.mean(), variance: film.variance_of_mean(), brightest_path };
+    assert_agree(&format!("{case}-{integrator:?}").to_lowercase(), &ours, &traced(scene, &settings, samples[1]));
+}
+
+#[test]
+fn metals_glass_and_coats_under_a_lamp_and_a_spot() {
+    let camera = Camera::pinhole(dvec3(0.5, 6.0, 5.5), dvec3(0.0, 0.1, 0.3), 48.0);
+    let scene = boxes(camera, metals_and_coats())
+        .material(Material::emitter(Vec3::new(7.0, 6.0, 5.0)))
+        .polygon(&[dvec3(-1.0, 4.0, -1.0), dvec3(1.0, 4.0, -1.0), dvec3(1.0, 4.0, 1.0), dvec3(-1.0, 4.0, 1.0)])
+        .light(Light::Spot {
+            position: dvec3(3.0, 5.0, 2.0),
+            direction: dvec3(-3.0, -5.0, -2.0).normalize(),
+            intensity: Vec3::new(20.0, 30.0, 40.0),
+            angles: [15.0, 30.0],
+            falloff: Falloff::Angle,
+        });
+    let scene = with_materials_of_boxes(scene);
+    check_by_oracle("metals", &scene, Mis, [512, 96]);
+    check_by_oracle("metals", &scene, Implicit, [1024, 96]);
+}
+
+#[test]
+fn disneys_materials_and_mixtures_under_a_sky_seen_from_far() {
+    let camera =
+        Camera { orthographic: Some(6.4), ..Camera::pinhole(dvec3(1.5, 5.0, 5.0), dvec3(0.0, 0.2, 0.1), 40.0) };
+    let scene = boxes(camera, disney_and_mixtures())
+        .environment(Environment::Constant(Vec3::new(0.3, 0.4, 0.6)))
+        .light(Light::Directional {
+            direction: dvec3(-0.3, -1.0, -0.4).normalize(),
+            irradiance: Vec3::new(1.2, 1.0, 0.7),
+        })
+        .light(Light::Point { position: dvec3(-2.0, 3.0, 2.0), intensity: Vec3::new(3.0, 2.0, 2.0) });
+    let mut scene = with_materials_of_boxes(scene);
+    let turned = Affine2::from_scale_angle_translation(Vec2::new(1.7, 2.3), 0.4, Vec2::new(0.3, -0.8));
+    scene.textures = vec![
+        image(Lookup::default(), |i| Vec3::new(0.2, 0.5, 0.8) + 0.05 * Vec3::new(1.0, -1.0, 0.3) * i as f32),
+        image(Lookup { transform: turned, wrap: Wrap::Clamp, is_smooth: true }, |i| Vec3::splat(0.08 * (1 + i) as f32)),
+        image(Lookup { transform: turned, wrap: Wrap::Mirror, is_smooth: false }, |i| {
+            Vec3::splat(((5 * i) % 12) as f32 / 12.0)
+        }),
+    ];
+    check_by_oracle("disney", &scene, Mis, [512, 96]);
+    check_by_oracle("disney", &scene, Explicit, [512, 96]);
 }

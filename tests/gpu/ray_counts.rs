@@ -130,7 +130,7 @@ fn check(scene: &Scene, width: u32, height: u32) {
             if tried.is_empty() {
                 continue;
             }
-            let reference = Reference::new(scene, &settings);
+            let reference = Reference::new(scene, &settings).expect("it knows the scene");
             let samples = |pixel| (0..settings.samples).map(|sample| reference.path(pixel, sample)).collect();
             let paths: Vec<Vec<Path>> = (0..width * height).map(samples).collect();
             let counts = rays_by_bounce(&paths);

@@ -1,21 +1,32 @@
 //! Only what the scene requires: kernels and buffers for one scene and kernels and buffers for any
 //! give the same bits, and what a scene does not need is neither compiled nor bound nor allocated.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 use std::fs;
+use std::path::PathBuf;
 
 use crate::common::{device, floor, gallery, own_scene, project_file, render_on, tries};
+use crate::probe::scene_of_materials;
+use glam::Vec3;
 use rayon::prelude::*;
-use raywave::render::{Defaults, Footprint, Outcome, PreparedScene, feature_costs};
-use raywave::scene::Scene;
+use raywave::render::{Defaults, Features, Footprint, Outcome, PreparedScene, feature_costs};
+use raywave::scene::{Material, Principled, Scene, Surface};
 use raywave::settings::{Integrator, RouletteMode, Sampler, Scheduler, Settings, ShadowRays};
 
 /// Every scene of `scenes/` and a small gallery.
 fn all_scenes() -> Vec<Scene> {
     let entries = fs::read_dir(project_file("scenes")).expect("the folder of scenes is readable");
     let paths = entries.map(|entry| entry.expect("its entries are readable").path());
-    let own = paths.filter(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    let is_scene =
+        |path: &PathBuf| path.extension().is_some_and(|end| ["toml", "xml", "gltf"].iter().any(|e| end == *e));
+    let own = paths.filter(is_scene);
     own.map(|path| Scene::load(&path).expect("own scenes load")).chain([gallery(5000)]).collect()
+}
+
+/// Whether the scene has many kinds of surface.
+fn has_many_kinds(scene: &Scene) -> bool {
+    let shown = scene.materials.iter().zip(scene.shown_materials()).filter(|(_, shown)| *shown);
+    shown.map(|(material, _)| std::mem::discriminant(&material.surface)).collect::<HashSet<_>>().len() > 5
 }
 
 fn small(scene: &Scene) -> Settings {
@@ -55,10 +66,14 @@ fn kernels_for_any_scene_give_the_same_bits() {
     // Every fourth way, and with the next scene others: what a scene has several have. Kernels for any scene take drivers
     // long.
     let ways = cases.len() / scenes.len();
-    let is_tried = |case: usize| (case / ways + case % ways).is_multiple_of(4) && tries(&device, case, 3);
-    cases.into_par_iter().enumerate().filter(|(case, _)| is_tried(*case)).for_each(|(_, (scene, settings))| {
+    let is_tried = |case: usize| {
+        // Kernels of scenes that have most of what there is differ little from those for any scene, and take long to build.
+        let step = if has_many_kinds(cases[case].0) { 7 } else { 4 };
+        (case / ways + case % ways).is_multiple_of(step) && tries(&device, case, 3)
+    };
+    cases.par_iter().enumerate().filter(|(case, _)| is_tried(*case)).for_each(|(_, (scene, settings))| {
         let [own, any] = [true, false].map(|specialize| {
-            let Outcome { film, statistics } = render_on(&device, scene, &Settings { specialize, ..settings });
+            let Outcome { film, statistics } = render_on(&device, scene, &Settings { specialize, ..*settings });
             (film.sum, film.sum_of_squares, statistics.bounce_rays, statistics.shadow_rays, statistics.memory_bytes)
         });
         let what = format!("{}, {settings:?}", scene.name);
@@ -138,6 +153,44 @@ fn materials_that_no_triangle_has_do_not_count() {
     assert!(features.phong && !features.lights && !features.phong_lobes && !features.dielectric);
     let used = PreparedScene::new(&floor("newmtl floor\nillum 7\nNi 1.5\n")).expect("the scene fits").features;
     assert!(used.dielectric && !used.phong);
+}
+
+#[test]
+fn a_scene_of_one_kind_of_material_has_code_for_no_other() {
+    let metal = |alpha| Material::conductor(Vec3::ZERO, Vec3::ONE, alpha);
+    let lossy = |material| Material { compensates: false, ..material };
+    let colour = Vec3::splat(0.5);
+    let coated = Material { coat: 1.0, coat_roughness: 0.1, ..Material::metal_rough(colour, 0.5, 0.3) };
+    let kinds: [(Material, &[&str]); 15] = [
+        (Material::diffuse(colour), &["diffuse surfaces"]),
+        (Material::mirror(colour), &["mirrors"]),
+        (Material::dielectric(1.5), &["Fresnel glass"]),
+        (metal(0.0), &["smooth metals"]),
+        (lossy(metal(0.3)), &["rough metals"]),
+        (metal(0.3), &["rough metals", "multiple scattering"]),
+        (lossy(metal(0.3)).rough(0.1, 0.5), &["rough metals", "anisotropy"]),
+        (Material { is_beckmann: true, ..lossy(metal(0.3)) }, &["rough metals", "Beckmann facets"]),
+        (lossy(Material::dielectric(1.5).rough(0.3, 0.3)), &["rough glass"]),
+        (Material { surface: Surface::ThinDielectric, ..Material::dielectric(1.5) }, &["thin glass"]),
+        (lossy(Material::plastic(colour, 1.5, 0.0)), &["plastics"]),
+        (lossy(Material::plastic(colour, 1.5, 0.3)), &["rough plastics"]),
+        (lossy(coated), &["metal-rough", "clear coats"]),
+        (Material::principled(colour, 1.5, 0.3, Principled::default()), &["principled bodies"]),
+        (Material::principled_thin(colour, 1.5, 0.3, Principled::default()), &["principled sheets"]),
+    ];
+    for (material, expected) in kinds {
+        let scene = scene_of_materials(vec![material]);
+        let prepared = PreparedScene::new(&scene).expect("the scene fits");
+        let found = Features::FLAGS.iter().filter(|flag| (flag.get)(&prepared.features)).map(|flag| flag.title);
+        assert_eq!(found.collect::<Vec<_>>(), expected);
+        // Kernels for any scene have the code of all others beside.
+        let settings = Settings { scheduler: Some(Scheduler::Wavefront), ..small(&scene) };
+        let [own, any] = [true, false].map(|specialize| {
+            let footprint = Footprint::of(&prepared, &Settings { specialize, ..settings }, &Defaults::GPU);
+            footprint.instructions.iter().find(|(name, _)| *name == "shade").expect("surfaces are shaded").1
+        });
+        assert!(4 * own < any, "{own} of {any} instructions for {expected:?}");
+    }
 }
 
 #[test]

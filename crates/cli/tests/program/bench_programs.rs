@@ -70,6 +70,16 @@ fn failing(name: &str) -> TempDir {
 }
 
 #[test]
+fn a_scene_pays_for_its_own_materials() {
+    let text = printed(bench("material_costs", &["--only", "thin dielectric"]));
+    let rows = rows(&text);
+    assert_eq!(rows.iter().map(|row| row[0]).collect::<Vec<_>>(), ["thin dielectric", "diffuse"]);
+    // A plate has no lobe, and so no shadow rays.
+    let paid = rows.iter().map(|row| number(&row[1].replace(',', ""))).collect::<Vec<_>>();
+    assert!(paid[0] < paid[1], "{text}");
+}
+
+#[test]
 fn raywave_alone_is_measured_without_peers() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let json = folder.path().join("report.json");

@@ -1,17 +1,24 @@
 //! A path tracer on the CPU, in f64: the oracle of ray counts and of single paths.
 //!
 //! It is written from the textbook and shares no code with the shaders or with `src/bvh`: every ray is tested against
-//! every triangle, in world space. It draws the same random numbers as the kernels and uses them for the same decisions
-//! in the same order, so each of its paths is one of theirs except for rounding. It knows flat triangles of every
-//! material without an environment; no textures, no vertex normals.
+//! every triangle, in world space. It knows flat triangles of every material, images of their parameters, lights of all
+//! kinds, and a sky that is the same everywhere; what it does not know is [`Unsupported`].
+//!
+//! Of surfaces that MTL describes (diffuse, Phong, mirrors, smooth glass) under area lights it draws the same random numbers
+//! as the kernels and uses them for the same decisions in the same order, so each of its paths is one of theirs except for
+//! rounding. Of all else its paths are its own: directions are drawn in other ways (`bsdf`), every punctual light and the sky
+//! are sampled at each vertex, and only the expectation is that of the kernels.
 
-use std::f64::consts::TAU;
+use std::borrow::Cow;
+use std::f64::consts::{FRAC_1_PI, TAU};
 
 use glam::{DVec2, DVec3};
 
+use super::bsdf::{Bsdf, Drawn};
 use super::optics;
 use super::sobol::sobol4;
-use raywave::scene::{Environment, Material, NONE, Scene, Surface};
+use super::texture;
+use raywave::scene::{Environment, Falloff, Light, NONE, Parameter, Scene, Surface};
 use raywave::settings::{Integrator, RouletteMode, Sampler, Settings};
 
 /// A scene as the path tracer sees it.
@@ -19,12 +26,21 @@ pub struct Reference<'a> {
     scene: &'a Scene,
     settings: Settings,
     facets: Vec<Facet>,
+    /// By material.
+    bsdfs: Vec<Bsdf>,
+    /// Of the whole sky.
+    sky: DVec3,
     lamps: Vec<Lamp>,
     /// Pdf of a light sample over the area of an emissive triangle, by facet.
     lamp_densities: Vec<f64>,
     /// Surfaces nearer than this to a ray's origin are the one that it leaves, or lie in its plane.
     nearest: f64,
 }
+
+/// What a scene has that the path tracer does not know.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the reference path tracer knows no {0}")]
+pub struct Unsupported(&'static str);
 
 /// One sample of a pixel.
 #[derive(Debug, Default)]
@@ -40,6 +56,9 @@ struct Facet {
     edges: [DVec3; 2],
     /// Unit, out of the front side.
     normal: DVec3,
+    /// Unit, where texture coordinate u grows; zero where there is none.
+    along_u: DVec3,
+    uvs: [DVec2; 3],
     material: usize,
 }
 
@@ -60,55 +79,109 @@ struct Ray {
 }
 
 /// Where a ray ends.
-struct Vertex<'a> {
+struct Vertex {
     position: DVec3,
     facet: usize,
-    material: &'a Material,
+    /// Of the facet.
+    material: usize,
+    uv: DVec2,
     /// Back along the path.
     wo: DVec3,
-    /// Unit, towards `wo`.
-    normal: DVec3,
+    /// Unit, the last of them the normal towards `wo`.
+    axes: [DVec3; 3],
     is_front: bool,
 }
 
-/// A sampled point on a light, as a vertex sees it.
-struct LampSample {
-    facet: usize,
+impl Vertex {
+    fn normal(&self) -> DVec3 {
+        self.axes[2]
+    }
+
+    fn to_local(&self, v: DVec3) -> DVec3 {
+        DVec3::from(self.axes.map(|axis| axis.dot(v)))
+    }
+
+    fn to_world(&self, v: DVec3) -> DVec3 {
+        v.x * self.axes[0] + v.y * self.axes[1] + v.z * self.axes[2]
+    }
+}
+
+/// The ways in which the last vertex could have found the light that its ray finds.
+#[derive(Clone, Copy)]
+struct Strategies {
+    /// Pdf of the ray's direction by the BSDF.
+    own: f64,
+    /// The same by a sample of the sky.
+    of_sky: f64,
+}
+
+/// A sampled point of a light, as a vertex sees it.
+struct LightSample {
+    /// That emits.
+    facet: Option<usize>,
     direction: DVec3,
+    /// Infinite of what is far away.
     distance: f64,
     /// Divided by its pdf.
     radiance: DVec3,
-    /// Over solid angle.
-    density: f64,
+    /// Over solid angle; none of light that no other strategy finds.
+    density: Option<f64>,
 }
 
+/// Random numbers of the light samples of a vertex.
+struct LightNumbers {
+    of_lamps: [f64; 4],
+    of_sky: [f64; 4],
+}
+
+/// Blocks of random numbers that the kernels do not use, for the sky.
+const SKY_BLOCKS: u32 = 1 << 16;
+
 impl<'a> Reference<'a> {
-    /// A scene without environment, textures and vertex normals.
+    /// A scene, and how to follow paths in it.
     ///
-    /// # Panics
-    /// When the scene has something that it does not support.
-    pub fn new(scene: &'a Scene, settings: &Settings) -> Self {
-        assert!(matches!(scene.environment, Environment::Black), "the reference knows black skies alone");
-        assert!(
-            scene.materials.iter().all(|m| m.textures.iter().all(Option::is_none)),
-            "the reference knows no textures"
-        );
-        assert!(scene.lights.is_empty(), "the reference knows no lights but surfaces");
-        let is_known = |m: &Material| {
-            let known = [Surface::Glossy, Surface::Mirror, Surface::Refractive, Surface::Dielectric];
-            m.is_pure_emitter && !m.is_rough() && known.contains(&m.surface)
+    /// # Errors
+    /// What the scene has that there is no code for.
+    pub fn new(scene: &'a Scene, settings: &Settings) -> Result<Self, Unsupported> {
+        let sky = match scene.environment {
+            Environment::Black => DVec3::ZERO,
+            Environment::Constant(radiance) => radiance.as_dvec3(),
+            Environment::LatLong(_) => return Err(Unsupported("images of skies")),
         };
-        assert!(scene.materials.iter().all(is_known), "the reference knows no microfacets, coats and blends");
+        let shown = scene.shown_materials();
+        let bsdfs: Vec<Bsdf> = scene.materials.iter().map(Bsdf::new).collect();
+        for (bsdf, _) in bsdfs.iter().zip(&shown).filter(|(_, shown)| **shown) {
+            let has = |parameter| bsdf.material.texture(parameter).is_some();
+            if has(Parameter::Normal) || has(Parameter::Height) {
+                return Err(Unsupported("images of normals and heights"));
+            }
+            if has(Parameter::Emission) {
+                return Err(Unsupported("images of emission"));
+            }
+            if (has(Parameter::Roughness) || has(Parameter::RoughnessAcross)) && bsdf.depends_on_roughness() {
+                return Err(Unsupported("images of the roughness of coats, or of what makes up for lost light"));
+            }
+        }
+        if scene.camera.orthographic.is_some() && scene.camera.aperture > 0.0 {
+            return Err(Unsupported("orthographic camera with a lens"));
+        }
+        if scene.meshes().any(|mesh| !mesh.colours.is_empty()) {
+            return Err(Unsupported("colours of vertices"));
+        }
         let mesh = &*scene.flattened();
+        if mesh.triangles.iter().any(|triangle| triangle.normals[0] != NONE) {
+            return Err(Unsupported("vertex normals"));
+        }
         let facets: Vec<Facet> = mesh
             .triangles
             .iter()
             .map(|triangle| {
-                assert!(triangle.normals[0] == NONE, "the reference knows no vertex normals");
                 let [a, b, c] = triangle.positions.map(|i| mesh.positions[i as usize]);
                 let edges = [b - a, c - a];
                 let normal = edges[0].cross(edges[1]).normalize();
-                Facet { corner: a, edges, normal, material: triangle.material as usize }
+                let uvs = triangle.uvs.map(|i| mesh.uvs.get(i as usize).map_or(DVec2::ZERO, |uv| uv.as_dvec2()));
+                let along_u = texture::growth(edges, [uvs[1] - uvs[0], uvs[2] - uvs[0]]);
+                Facet { corner: a, edges, normal, along_u, uvs, material: triangle.material as usize }
             })
             .collect();
         let emitters: Vec<usize> =
@@ -137,7 +210,7 @@ impl<'a> Reference<'a> {
             .collect();
         let (low, high) = scene.bounds();
         let nearest = 1e-9 * (high - low).max_element();
-        Self { scene, settings: *settings, facets, lamps, lamp_densities, nearest }
+        Ok(Self { scene, settings: *settings, facets, bsdfs, sky, lamps, lamp_densities, nearest })
     }
 
     /// Follows one sample of a pixel, which counts in rows from the top left.
@@ -156,35 +229,43 @@ impl<'a> Reference<'a> {
         let mut ray = self.camera_ray(pixel, random(0));
         let mut throughput = DVec3::ONE;
         let mut sees_emission = true;
-        // Pdf of the ray's direction, if another was possible.
-        let mut density = None;
+        // Those of the ray's direction, if another was possible.
+        let mut strategies: Option<Strategies> = None;
         for bounce in 0_u32.. {
             path.casts_shadow_ray.push(false);
-            let Some(vertex) = self.trace(&ray) else { break };
-            if vertex.material.is_emitter() {
-                if sees_emission && vertex.is_front {
-                    let weight = match density {
-                        Some(own) if mis => {
-                            let distance2 = vertex.position.distance_squared(ray.origin);
-                            let of_lamps = self.lamp_densities[vertex.facet] * distance2 / vertex.normal.dot(vertex.wo);
-                            power_heuristic(own, of_lamps)
-                        }
-                        _ => 1.0,
-                    };
-                    path.radiance += self.clamped(throughput * vertex.material.emission.as_dvec3() * weight, bounce);
+            let Some(vertex) = self.trace(&ray) else {
+                if sees_emission {
+                    let weight = strategies.filter(|_| mis).map_or(1.0, |s| power_heuristic(s.own, s.of_sky));
+                    path.radiance += self.clamped(throughput * self.sky * weight, bounce);
                 }
                 break;
+            };
+            let whole = &self.scene.materials[vertex.material];
+            if whole.is_emitter() && sees_emission && vertex.is_front {
+                let weight = match strategies {
+                    Some(Strategies { own, .. }) if mis => {
+                        let distance2 = vertex.position.distance_squared(ray.origin);
+                        let of_lamps = self.lamp_densities[vertex.facet] * distance2 / vertex.normal().dot(vertex.wo);
+                        power_heuristic(own, of_lamps)
+                    }
+                    _ => 1.0,
+                };
+                path.radiance += self.clamped(throughput * whole.emission.as_dvec3() * weight, bounce);
             }
-            if max_bounces == Some(bounce) {
+            if whole.only_emits() || max_bounces == Some(bounce) {
                 break;
             }
-            let specular = optics::is_specular(vertex.material);
-            if (explicit || mis) && !specular {
-                if let Some(sample) = self.sample_lamps(&vertex, random(1 + 2 * bounce)) {
-                    let (value, scattered) =
-                        optics::evaluate(vertex.material, vertex.normal, vertex.wo, sample.direction);
-                    let above = if value == DVec3::ZERO { 0.0 } else { scattered };
-                    let weight = if mis { power_heuristic(sample.density, above) } else { 1.0 };
+            let [stop, choice, u, v] = random(2 + 2 * bounce);
+            let (bsdf, choice) = self.bsdf_at(&vertex, choice);
+            let wo = vertex.to_local(vertex.wo);
+            if (explicit || mis) && !bsdf.is_specular() {
+                let light = LightNumbers { of_lamps: random(1 + 2 * bounce), of_sky: random(SKY_BLOCKS + bounce) };
+                for sample in self.sample_lights(&vertex, &bsdf, light) {
+                    let wi = vertex.to_local(sample.direction);
+                    let value = bsdf.value(wo, wi, vertex.is_front);
+                    let scattered = if value == DVec3::ZERO { 0.0 } else { bsdf.pdf(wo, wi, vertex.is_front) };
+                    let weight =
+                        sample.density.filter(|_| mis).map_or(1.0, |density| power_heuristic(density, scattered));
                     let radiance = self.clamped(throughput * value * sample.radiance * weight, bounce + 1);
                     // A shadow ray that carries no light is not traced.
                     if radiance != DVec3::ZERO {
@@ -195,23 +276,22 @@ impl<'a> Reference<'a> {
                     }
                 }
                 // Without MIS weights another bounce could find only light that was sampled already.
-                if explicit && max_bounces == Some(bounce + 1) {
+                if explicit && !bsdf.has_specular() && max_bounces == Some(bounce + 1) {
                     break;
                 }
             }
-            let [stop, choice, u, v] = random(2 + 2 * bounce);
             if !by_throughput && stop < roulette {
                 break;
             }
-            let Vertex { material, normal, wo, is_front, .. } = vertex;
-            let (direction, weight) = optics::scatter(material, normal, wo, is_front, choice, DVec2::new(u, v));
-            throughput *= weight;
+            let Some(drawn) = self.draw(&vertex, &bsdf, choice, DVec2::new(u, v)) else { break };
+            throughput *= drawn.weight;
             if !by_throughput {
                 throughput /= 1.0 - roulette;
             } else if bounce >= roulette_from {
                 // In glass radiance is scaled by 1 / Ni², and will be scaled back.
-                let into_glass = material.surface.refracts() && self.facets[vertex.facet].normal.dot(direction) < 0.0;
-                let scale = if into_glass { f64::from(vertex.material.ior).powi(2) } else { 1.0 };
+                let has_inside = bsdf.material.surface.refracts() || bsdf.material.has_inside();
+                let into_glass = has_inside && self.facets[vertex.facet].normal.dot(drawn.wi) < 0.0;
+                let scale = if into_glass { f64::from(bsdf.material.ior).powi(2) } else { 1.0 };
                 let survival = (throughput.max_element() * scale).min(1.0 - roulette);
                 if stop >= survival {
                     break;
@@ -221,11 +301,56 @@ impl<'a> Reference<'a> {
             if throughput.max_element() <= 0.0 {
                 break;
             }
-            ray = Ray { origin: vertex.position, direction, leaves: Some(vertex.facet) };
-            sees_emission = !explicit || specular;
-            density = (!specular).then(|| optics::evaluate(material, normal, wo, direction).1);
+            ray = Ray { origin: vertex.position, direction: drawn.wi, leaves: Some(vertex.facet) };
+            sees_emission = !explicit || drawn.is_specular;
+            strategies = (!drawn.is_specular).then(|| {
+                let wi = vertex.to_local(drawn.wi);
+                Strategies { own: bsdf.pdf(wo, wi, vertex.is_front), of_sky: sky_density(&bsdf, wi) }
+            });
         }
         path
+    }
+
+    /// The BSDF that light meets at a vertex: that of a side or a part of a blend, with its images looked up, and the number
+    /// that chose, uniform again.
+    fn bsdf_at(&self, vertex: &Vertex, mut choice: f64) -> (Cow<'_, Bsdf>, f64) {
+        let mut index = vertex.material;
+        loop {
+            let material = &self.scene.materials[index];
+            index = match material.surface {
+                Surface::Sides { front, back } => (if vertex.is_front { front } else { back }) as usize,
+                Surface::Blend(first, second) => {
+                    let weight = texture::looked_up(self.scene, material, vertex.uv).weight;
+                    let (is_first, left) = optics::falls_below(choice, weight.into());
+                    choice = left;
+                    (if is_first { first } else { second }) as usize
+                }
+                _ => break,
+            };
+        }
+        let bsdf = &self.bsdfs[index];
+        let bsdf = if bsdf.material.textures.iter().any(Option::is_some) {
+            Cow::Owned(bsdf.with(texture::looked_up(self.scene, &bsdf.material, vertex.uv)))
+        } else {
+            Cow::Borrowed(bsdf)
+        };
+        (bsdf, choice)
+    }
+
+    /// A direction of the world.
+    fn draw(&self, vertex: &Vertex, bsdf: &Bsdf, choice: f64, u: DVec2) -> Option<Drawn> {
+        let m = &bsdf.material;
+        let by_mtl = match m.surface {
+            Surface::Glossy | Surface::Mirror | Surface::Refractive => true,
+            Surface::Dielectric => !m.is_rough(),
+            _ => false,
+        };
+        if by_mtl {
+            let (wi, weight) = optics::scatter(m, vertex.normal(), vertex.wo, vertex.is_front, choice, u);
+            return Some(Drawn { wi, weight, is_specular: bsdf.is_specular() });
+        }
+        let drawn = bsdf.draw(vertex.to_local(vertex.wo), vertex.is_front, choice, u)?;
+        Some(Drawn { wi: vertex.to_world(drawn.wi), ..drawn })
     }
 
     /// Through a uniform point of the pixel and of the lens.
@@ -239,6 +364,11 @@ impl<'a> Reference<'a> {
         let across = 2.0 * (f64::from(pixel % width) + x) / f64::from(width) - 1.0;
         let upwards = 1.0 - 2.0 * (f64::from(pixel / width) + y) / f64::from(height);
         let direction = forward + across * half_width * right + upwards * half_height * up;
+        if let Some(size) = camera.orthographic {
+            let half = 0.5 * size * DVec2::new(f64::from(width) / f64::from(height), 1.0);
+            let origin = camera.eye + across * half.x * right + upwards * half.y * up;
+            return Ray { origin, direction: forward, leaves: None };
+        }
         // All rays to a point in focus meet there, wherever they cross the lens.
         let lens = camera.aperture * lens_u.sqrt() * DVec2::from_angle(TAU * lens_v);
         let shift = lens.x * right + lens.y * up;
@@ -247,44 +377,67 @@ impl<'a> Reference<'a> {
     }
 
     /// The nearest surface; of equal distances, the one that the scene lists first.
-    fn trace(&self, ray: &Ray) -> Option<Vertex<'_>> {
+    fn trace(&self, ray: &Ray) -> Option<Vertex> {
         let hits = self.facets.iter().enumerate().filter(|(i, _)| ray.leaves != Some(*i)).filter_map(|(i, facet)| {
             let distance = facet.distance(ray)?;
             let nearest = if ray.leaves.is_some() { self.nearest } else { 0.0 };
             (distance > nearest).then_some((i, distance))
         });
         let (facet, distance) = hits.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let Facet { normal, material, .. } = self.facets[facet];
+        let Facet { corner, edges, normal, along_u, uvs, material } = self.facets[facet];
         let wo = -ray.direction;
+        let position = ray.origin + distance * ray.direction;
         let is_front = normal.dot(wo) > 0.0;
-        Some(Vertex {
-            position: ray.origin + distance * ray.direction,
-            facet,
-            material: &self.scene.materials[material],
-            wo,
-            normal: if is_front { normal } else { -normal },
-            is_front,
-        })
+        let towards = if is_front { normal } else { -normal };
+        let axes = if along_u == DVec3::ZERO {
+            let (x, y) = optics::basis(towards);
+            [x, y, towards]
+        } else {
+            [along_u, towards.cross(along_u), towards]
+        };
+        // Barycentrics by areas.
+        let (area, from) = (edges[0].cross(edges[1]), position - corner);
+        let (s, t) = (from.cross(edges[1]).dot(area), edges[0].cross(from).dot(area));
+        let (s, t) = (s / area.length_squared(), t / area.length_squared());
+        let uv = (1.0 - s - t) * uvs[0] + s * uvs[1] + t * uvs[2];
+        Some(Vertex { position, facet, material, uv, wo, axes, is_front })
     }
 
-    fn is_blocked(&self, from: &Vertex<'_>, to: &LampSample) -> bool {
+    fn is_blocked(&self, from: &Vertex, to: &LightSample) -> bool {
         let ray = Ray { origin: from.position, direction: to.direction, leaves: Some(from.facet) };
         let between = self.nearest..to.distance - self.nearest;
         self.facets.iter().enumerate().any(|(i, facet)| {
-            let is_other = i != from.facet && i != to.facet;
+            let is_other = i != from.facet && Some(i) != to.facet;
             is_other && facet.distance(&ray).is_some_and(|distance| between.contains(&distance))
         })
     }
 
+    /// One sample of the lamps, one of the sky, and each light that is no surface.
+    fn sample_lights(&self, from: &Vertex, bsdf: &Bsdf, numbers: LightNumbers) -> Vec<LightSample> {
+        let sky = (self.sky != DVec3::ZERO).then(|| self.sample_sky(from, bsdf, numbers.of_sky));
+        let lights = self.scene.lights.iter().filter_map(|light| arriving(light, from.position));
+        self.sample_lamps(from, numbers.of_lamps).into_iter().chain(sky).chain(lights).collect()
+    }
+
+    /// A direction by the cosine on the side of `wo`, or on both where light passes the surface.
+    fn sample_sky(&self, from: &Vertex, bsdf: &Bsdf, [u, v, side, _]: [f64; 4]) -> LightSample {
+        let above = (u.sqrt() * DVec2::from_angle(TAU * v)).extend((1.0 - u).sqrt());
+        let is_below = bsdf.passes_widely() && side < 0.5;
+        let local = if is_below { DVec3::new(above.x, above.y, -above.z) } else { above };
+        let density = sky_density(bsdf, local);
+        let (direction, radiance) = (from.to_world(local), self.sky / density.max(1e-12));
+        LightSample { facet: None, direction, distance: f64::INFINITY, radiance, density: Some(density) }
+    }
+
     /// A point uniform over an emissive triangle that is chosen mostly by power, unless it faces away. The number that
     /// chose the triangle is remapped and gives the point, except for the last of its 24 bits.
-    fn sample_lamps(&self, from: &Vertex<'_>, [pick, v, digits, _]: [f64; 4]) -> Option<LampSample> {
+    fn sample_lamps(&self, from: &Vertex, [pick, v, digits, _]: [f64; 4]) -> Option<LightSample> {
         let place = pick * self.lamps.len() as f64;
         let cell = self.lamps.get(place as usize)?;
         let left = (place.fract() + digits * self.lamps.len() as f64 * 2.0_f64.powi(-24)).min(1.0);
         let (own, u) = optics::falls_below(left, cell.threshold);
         let index = if own { cell.facet } else { cell.alias };
-        let Facet { corner, edges: [second, third], normal, material } = self.facets[index];
+        let Facet { corner, edges: [second, third], normal, material, .. } = self.facets[index];
         let s = u.sqrt();
         let point = corner + s * (1.0 - v) * second + s * v * third;
         let distance = point.distance(from.position);
@@ -293,7 +446,13 @@ impl<'a> Reference<'a> {
         let ke = self.scene.materials[material].emission.as_dvec3();
         // From the area measure to solid angle.
         let density = self.lamp_densities[index] * distance * distance / cosine;
-        (cosine > 0.0).then_some(LampSample { facet: index, direction, distance, radiance: ke / density, density })
+        (cosine > 0.0).then_some(LightSample {
+            facet: Some(index),
+            direction,
+            distance,
+            radiance: ke / density,
+            density: Some(density),
+        })
     }
 
     /// Light after that many bounces, clamped if it is indirect.
@@ -316,6 +475,37 @@ impl Facet {
         let (u, v) = (to_origin.dot(p) * inverse, ray.direction.dot(q) * inverse);
         // A ray in the plane has no inverse, and NaN is never inside.
         (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then(|| e2.dot(q) * inverse)
+    }
+}
+
+/// Pdf of a sample of the sky.
+fn sky_density(bsdf: &Bsdf, wi: DVec3) -> f64 {
+    let cosine = if bsdf.passes_widely() { 0.5 * wi.z.abs() } else { wi.z.max(0.0) };
+    cosine * FRAC_1_PI
+}
+
+/// Light that arrives at a point from a light that is no surface, as docs/scene-format.md and Mitsuba define it.
+fn arriving(light: &Light, at: DVec3) -> Option<LightSample> {
+    let sample =
+        |direction, distance, radiance| LightSample { facet: None, direction, distance, radiance, density: None };
+    let from = |position: DVec3, intensity: DVec3| {
+        let distance = position.distance(at);
+        (distance > 0.0).then(|| sample((position - at) / distance, distance, intensity / (distance * distance)))
+    };
+    match *light {
+        Light::Point { position, intensity } => from(position, intensity.as_dvec3()),
+        Light::Directional { direction, irradiance } => Some(sample(-direction, f64::INFINITY, irradiance.as_dvec3())),
+        Light::Spot { position, direction, intensity, angles, falloff } => {
+            let angle = (at - position).angle_between(direction);
+            let [full, none] = angles.map(f64::to_radians);
+            let share = match falloff {
+                Falloff::Angle => ((none - angle) / (none - full)).clamp(0.0, 1.0),
+                Falloff::SquaredCosine => {
+                    ((angle.cos() - none.cos()) / (full.cos() - none.cos())).clamp(0.0, 1.0).powi(2)
+                }
+            };
+            from(position, share * intensity.as_dvec3())
+        }
     }
 }
 
@@ -360,4 +550,35 @@ fn alias_table(weights: &[f64]) -> Vec<(f64, usize)> {
         }
     }
     cells
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Vec3, dvec3};
+    use raywave::scene::{Camera, EnvironmentMap, Material, SceneBuilder};
+
+    #[test]
+    fn what_is_not_known_is_told() {
+        let camera = Camera::pinhole(dvec3(0.0, 0.0, 3.0), DVec3::ZERO, 40.0);
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let flat = SceneBuilder::new(camera).material(Material::diffuse(Vec3::ONE)).polygon(&corners).build();
+        let refused = |scene: &Scene| Reference::new(scene, &scene.settings).err().map(|error| error.to_string());
+        assert_eq!(refused(&flat), None);
+        let mut bumpy = flat.clone();
+        bumpy.materials[0].textures[Parameter::Height as usize] = Some(0);
+        assert_eq!(refused(&bumpy).unwrap(), "the reference path tracer knows no images of normals and heights");
+        let smooth = SceneBuilder::new(camera).material(Material::diffuse(Vec3::ONE));
+        let smooth = smooth.shaded_polygon(&corners, &[Vec3::Z; 3]).build();
+        assert_eq!(refused(&smooth).unwrap(), "the reference path tracer knows no vertex normals");
+        let map = EnvironmentMap {
+            path: std::path::PathBuf::new(),
+            width: 1,
+            height: 1,
+            radiance: vec![Vec3::ONE],
+            rotation: glam::DMat3::IDENTITY,
+        };
+        let sky = Scene { environment: Environment::LatLong(map), ..flat };
+        assert!(refused(&sky).unwrap().contains("images of skies"));
+    }
 }

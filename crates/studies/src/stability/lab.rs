@@ -115,7 +115,7 @@ impl Lab<'_> {
         own: bool,
     ) -> Result<Measured, RenderError> {
         let (film, nonfinite) = self.film(scene, settings)?;
-        let reference = Reference::new(oracle.0, settings);
+        let reference = reference(oracle.0, settings);
         let pixels = 0..film.sum.len() as u32;
         let right: Vec<DVec3> = pixels.into_par_iter().map(|pixel| reference.path(pixel, 0).radiance).collect();
         let floor = if own { DVec3::ZERO } else { right.iter().sum::<DVec3>() / right.len() as f64 };
@@ -130,7 +130,7 @@ impl Lab<'_> {
     /// The relative difference of the means of the same paths, one a pixel, here and by the oracle.
     pub fn mean_of_paths(&self, scene: &Scene, settings: &Settings) -> Result<Measured, RenderError> {
         let (film, nonfinite) = self.film(scene, settings)?;
-        let reference = Reference::new(scene, settings);
+        let reference = reference(scene, settings);
         let pixels = 0..film.sum.len() as u32;
         let right: Vec<f64> = pixels.into_par_iter().map(|pixel| reference.path(pixel, 0).radiance.x).collect();
         let off: Vec<f64> = film.sum.iter().zip(&right).map(|(found, right)| found.x - right).collect();
@@ -179,6 +179,11 @@ impl Lab<'_> {
     pub fn prepared(&self, scene: &Scene, kind: BvhKind) -> Result<PreparedScene, RenderError> {
         Ok(PreparedScene::with_bvh(scene, kind)?)
     }
+}
+
+/// The oracle of a scene of this room, which has nothing that it does not know.
+fn reference<'a>(scene: &'a Scene, settings: &Settings) -> Reference<'a> {
+    Reference::new(scene, settings).expect("the oracle knows all that these scenes have")
 }
 
 fn share(wrong: u64, checked: u64, nonfinite: u64) -> Measured {

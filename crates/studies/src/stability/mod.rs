@@ -4,6 +4,7 @@
 //! This room owns the scenes of that study, what they should give, and what is promised. It renders on a device; what
 //! came of it is an [`Envelope`](crate::studies::Envelope), which `studies` judges and `export` writes. It never prints.
 
+mod facets;
 mod film;
 mod lab;
 mod light;
@@ -33,7 +34,7 @@ pub struct Plan {
 }
 
 /// Whatever can be driven, in the order of the report.
-pub const PLANS: &[&[Plan]] = &[place::PLANS, shapes::PLANS, matter::PLANS, light::PLANS, film::PLANS];
+pub const PLANS: &[&[Plan]] = &[place::PLANS, shapes::PLANS, matter::PLANS, facets::PLANS, light::PLANS, film::PLANS];
 
 /// All plans.
 pub fn plans() -> impl Iterator<Item = &'static Plan> {
