@@ -314,11 +314,15 @@ fn boxes_of(triangles: &[[Vec3; 3]]) -> Vec<Aabb> {
     /// along the ray to the origin's plane and rounds them there, so it may find a hit on a triangle that the ray
     /// misses by a few roundings of the triangle's length.
     const MARGIN: f32 = 16.0 * 5.960_464_5e-8;
+    // At least to the next number, however small a triangle is for its place: a ray along an axis may lie in the plane of a
+    // side, and misses the box if that plane is the triangle's.
+    let below = |v: Vec3| Vec3::from(v.to_array().map(f32::next_down));
+    let above = |v: Vec3| Vec3::from(v.to_array().map(f32::next_up));
 
     let box_of = |[a, b, c]: &[Vec3; 3]| {
         let (low, high) = (a.min(*b).min(*c), a.max(*b).max(*c));
         let margin = Vec3::splat(MARGIN * (high - low).max_element());
-        Aabb::new((low - margin).into(), (high + margin).into())
+        Aabb::new(below(low - margin).into(), above(high + margin).into())
     };
     triangles.par_iter().map(box_of).collect()
 }

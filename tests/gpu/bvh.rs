@@ -244,6 +244,49 @@ fn what_is_hit_does_not_depend_on_the_tree() {
     assert_eq!((nearest, blocked), ([0; 3], [0; 3]), "rays of the kinds {kinds:?} that differ from the list's");
 }
 
+/// A ray along an axis lies in the plane of a box's side where it meets a corner, and boxes of triangles that are small for
+/// their place have no margin but what rounding outwards gives them.
+#[test]
+fn rays_along_axes_meet_the_corners_of_small_triangles() {
+    const STEP: f32 = 1.0 / 65536.0;
+    let corner = |i: u16, j: u16| {
+        Vec3::new(
+            0.75 + STEP * f32::from(i),
+            0.625 + STEP * f32::from(j),
+            -0.875 + STEP * f32::from((7 * i + 3 * j) % 5),
+        )
+    };
+    let square = |(i, j): (u16, u16)| {
+        let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+        [[a, b, c], [a, c, d]]
+    };
+    let corners: Vec<Corners> = (0..25).map(|n| (n % 5, n / 5)).flat_map(square).collect();
+    let trees = [BvhKind::List, BvhKind::Bvh2, BvhKind::Bvh4, BvhKind::Cwbvh].map(|kind| {
+        let bvh = Bvh::build(kind, &corners);
+        let triangles = triangles_of(&bvh, &corners);
+        (bvh, triangles)
+    });
+    let mut hits = 0;
+    for (axis, along) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
+        for zero in [0.0, -0.0] {
+            let mut direction = Vec3::splat(zero);
+            direction[axis] = along;
+            for place in corners.iter().flatten() {
+                let mut origin = *place;
+                origin[axis] -= along;
+                let answers = trees.each_ref().map(|(bvh, triangles)| {
+                    let ray = Ray { origin, direction, leaves: Primitive::NONE };
+                    let hit = trace_closest(bvh, triangles, &ray);
+                    hit.map(|hit| (triangles[hit.triangle as usize].original, hit.distance.to_bits()))
+                });
+                assert_eq!(answers, [answers[0]; 4], "{origin:?} {direction:?}");
+                hits += usize::from(answers[0].is_some());
+            }
+        }
+    }
+    assert!(hits > 600, "all corners are hit from above and from below: {hits}");
+}
+
 /// A coordinate: often on a coarse grid, so that triangles touch, coincide and lie in planes.
 fn coordinate() -> impl Strategy<Value = f64> {
     prop_oneof![-1.0..1.0_f64, (-4..=4_i32).prop_map(|i| f64::from(i) / 4.0), Just(0.0), Just(1e-30)]
