@@ -308,7 +308,7 @@ fn read_vertices_of(part: Part) -> Result<(Vertices, Option<UseMaterial>, Notes)
                 notes.note("vertex colours", line, "colours of vertices are clamped to [0, 1]");
             }
             if has_colour {
-                let linear = |signal: f64| srgb::decode(signal.max(0.0).min(1.0)) as f32;
+                let linear = |signal: f64| srgb::decode(signal.clamp(0.0, 1.0).max(0.0)) as f32;
                 vertices.colours.resize(vertices.positions.len(), Vec3::ONE);
                 vertices.colours.push(Vec3::from(signals.map(linear)));
             }
