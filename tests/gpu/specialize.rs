@@ -5,7 +5,8 @@ use std::collections::{BTreeSet, HashSet};
 use std::fs;
 use std::path::PathBuf;
 
-use crate::common::{device, floor, gallery, own_scene, project_file, render_on, tries};
+use crate::common::not_tested::not_tested;
+use crate::common::{device, floor, gallery, is_swiftshader, own_scene, project_file, render_on, tries};
 use crate::probe::scene_of_materials;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -36,6 +37,9 @@ fn small(scene: &Scene) -> Settings {
 #[test]
 fn kernels_for_any_scene_give_the_same_bits() {
     let device = device();
+    if is_swiftshader(&device) {
+        return not_tested("kernels for any scene, which SwiftShader takes minutes and gigabytes to compile");
+    }
     let scenes = all_scenes();
     assert!(scenes.len() > 7, "scenes/ and the gallery");
     let renders = |scene: &Scene| {
