@@ -8,11 +8,11 @@
 //! every kernel; the host puts one into a kernel when it builds it. The crate `raywave-shaders` has what is done to
 //! SPIR-V; here is what is done to GLSL.
 
-use std::collections::HashMap;
+use std::collections::HashSet;
 use std::fmt::Write as _;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::Mutex;
 use std::{env, fs, process, thread};
 
 use raywave_shaders::{
@@ -59,7 +59,7 @@ fn main() {
     let [(portable, portable_entry), (_, hostile_entry)] =
         LIBRARIES.map(|(name, path)| compile_library(name, path, &out).unwrap_or_else(|error| fail(&[error])));
     forget_other_scripts(&out);
-    let texts = Texts { out: out.clone(), modules: Mutex::default() };
+    let texts = Texts { out: out.clone(), keys: Mutex::default() };
     let [kernels, probes] = ["shaders", PROBES].map(|folder| table(folder, Some(&portable), &texts));
     // These ask what the device itself does, or are not part of a render.
     let [facts, selftest, examples] = [FACTS, SELFTEST, EXAMPLES].map(|folder| table(folder, None, &texts));
@@ -116,61 +116,57 @@ fn table(folder: &str, portable: Option<&Library>, texts: &Texts) -> Result<Tabl
     if errors.is_empty() { Ok(table) } else { Err(errors) }
 }
 
-fn build_kernel(path: &Path, portable: Option<&Library>, texts: &Texts) -> Built {
+fn build_kernel(path: &Path, portable: Option<&Library>, texts: &Texts) -> Result<BuiltModule, String> {
     let compiler = shaderc::Compiler::new().expect("the shaderc compiler starts");
     let source = fs::read_to_string(path).expect("a listed shader can be read");
     let options = kernel_options();
     let text = preprocess(&compiler, path, &source, &options)?;
-    texts.module_of(&text, |file| {
-        let mut module = match kept(file, &text) {
-            Some(module) => module,
-            None => {
-                let module = compile(&compiler, path, &source, &options)?;
-                check(&module, portable).map_err(|error| format!("{}: {error}", path.display()))?;
-                keep(file, &text, &module);
-                module
-            }
-        };
-        let wrong = |error| format!("{}: {error}", path.display());
-        let reflection = Reflection::of(&module).map_err(wrong)?;
-        let mut texels = module.clone();
-        fetch_texels(&mut texels, Kernel::SCENE_SET).map_err(wrong)?;
-        let by_texels = Reflection::of(&texels).map_err(wrong)?;
-        // For profilers that show sources.
-        if !has_source() {
-            module.debug_names.clear();
+    let file = &texts.file_of(&text);
+    let mut module = match kept(file, &text) {
+        Some(module) => module,
+        None => {
+            let module = compile(&compiler, path, &source, &options)?;
+            check(&module, portable).map_err(|error| format!("{}: {error}", path.display()))?;
+            keep(file, &text, &module);
+            module
         }
-        let (file, bytes) = (file.with_extension("zlib"), deflate(&module.assemble()));
-        fs::write(&file, &bytes).expect("OUT_DIR can be written");
-        Ok(BuiltModule { file, size: bytes.len(), reflection, by_texels })
-    })
+    };
+    let wrong = |error| format!("{}: {error}", path.display());
+    let reflection = Reflection::of(&module).map_err(wrong)?;
+    let mut texels = module.clone();
+    fetch_texels(&mut texels, Kernel::SCENE_SET).map_err(wrong)?;
+    let by_texels = Reflection::of(&texels).map_err(wrong)?;
+    // For profilers that show sources.
+    if !has_source() {
+        module.debug_names.clear();
+    }
+    let (file, bytes) = (file.with_extension("zlib"), deflate(&module.assemble()));
+    fs::write(&file, &bytes).expect("OUT_DIR can be written");
+    Ok(BuiltModule { file, size: bytes.len(), reflection, by_texels })
 }
 
-/// A module, or why it does not compile.
-type Built = Result<BuiltModule, String>;
-
-/// The module of each preprocessed text.
+/// The preprocessed texts of this build, and where their modules are kept.
 struct Texts {
     out: PathBuf,
-    modules: Mutex<HashMap<u64, Arc<OnceLock<Built>>>>,
+    keys: Mutex<HashSet<u64>>,
 }
 
 impl Texts {
-    /// The module of that text, which `build` makes, with a file of that name, where no other thread has.
-    fn module_of(&self, text: &str, build: impl FnOnce(&Path) -> Built) -> Built {
+    /// The file of the module of that text.
+    fn file_of(&self, text: &str) -> PathBuf {
         let mut hasher = DefaultHasher::new();
         text.hash(&mut hasher);
         let key = hasher.finish();
-        let module = Arc::clone(self.modules.lock().expect("nobody panics here").entry(key).or_default());
-        module.get_or_init(|| build(&self.out.join(format!("{key:016x}.spv")))).clone()
+        self.keys.lock().expect("nobody panics here").insert(key);
+        self.out.join(format!("{key:016x}.spv"))
     }
 
     /// Removes what earlier builds kept of texts that are no more.
     fn forget_others(&self) {
-        let modules = self.modules.lock().expect("nobody panics here");
+        let keys = self.keys.lock().expect("nobody panics here");
         for path in fs::read_dir(&self.out).expect("OUT_DIR can be read").flatten().map(|entry| entry.path()) {
             let key = path.file_stem().and_then(|stem| u64::from_str_radix(stem.to_str()?, 16).ok());
-            if key.is_some_and(|key| !modules.contains_key(&key)) {
+            if key.is_some_and(|key| !keys.contains(&key)) {
                 fs::remove_file(path).expect("OUT_DIR can be written");
             }
         }

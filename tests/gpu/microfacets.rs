@@ -52,18 +52,26 @@ fn compensated() -> Vec<Material> {
     [metals(), rough_glass()].concat().into_iter().map(|m| Material { compensates: true, ..m }).collect()
 }
 
-/// Disney's bodies, without an inside and with one, and sheets.
-fn principled() -> Vec<Material> {
-    let colour = Vec3::new(0.9, 0.5, 0.1);
-    let cloth = Principled {
+/// Disney's numbers of a body that shows all that one without an inside has.
+pub(crate) fn cloth() -> Principled {
+    Principled {
         anisotropy: 0.8,
         sheen: 0.9,
         sheen_tint: 0.6,
         specular_tint: 0.7,
         flatness: 0.4,
         ..Principled::default()
-    };
-    let glassy = Principled { specular_share: 0.7, sheen: 0.5, ..Principled::default() };
+    }
+}
+
+/// And of one that light goes through.
+pub(crate) fn glassy() -> Principled {
+    Principled { specular_share: 0.7, sheen: 0.5, ..Principled::default() }
+}
+
+/// Disney's bodies, without an inside and with one, and sheets.
+fn principled() -> Vec<Material> {
+    let colour = Vec3::new(0.9, 0.5, 0.1);
     let leaf = Principled {
         anisotropy: 0.5,
         sheen: 0.7,
@@ -79,9 +87,14 @@ fn principled() -> Vec<Material> {
             metalness: 0.3,
             coat: 0.8,
             coat_roughness: 0.0802,
-            ..Material::principled(colour, 1.5, 0.49, cloth)
+            ..Material::principled(colour, 1.5, 0.49, cloth())
         },
-        Material { metalness: 0.2, coat: 0.5, coat_roughness: 0.1, ..Material::principled(colour, 1.5, 0.36, glassy) },
+        Material {
+            metalness: 0.2,
+            coat: 0.5,
+            coat_roughness: 0.1,
+            ..Material::principled(colour, 1.5, 0.36, glassy())
+        },
         Material::principled_thin(colour, 1.33, 0.25, leaf),
     ]
 }
@@ -94,7 +107,6 @@ fn every_material() -> Vec<Material> {
 fn widest() -> Vec<Material> {
     let colour = Vec3::new(0.9, 0.5, 0.1);
     let beckmann = |material| Material { is_beckmann: true, ..lossy(material) };
-    let glassy = Principled { specular_share: 0.7, sheen: 0.5, ..Principled::default() };
     vec![
         beckmann(Material::conductor(ETA, ABSORPTION, 1.0)),
         beckmann(Material::conductor(ETA, ABSORPTION, 0.2).rough(0.4, 0.2)),
@@ -102,8 +114,8 @@ fn widest() -> Vec<Material> {
         beckmann(Material::plastic(colour, 1.5, 0.2)),
         Material::plastic(colour, 1.5, 1.0),
         Material { coat: 0.8, coat_roughness: 1.0, ..Material::metal_rough(colour, 0.5, 1.0) },
-        Material::principled(colour, 1.5, 1.0, glassy),
-        Material::principled_thin(colour, 1.5, 1.0, Principled { diffuse_transmission: 0.4, ..glassy }),
+        Material::principled(colour, 1.5, 1.0, glassy()),
+        Material::principled_thin(colour, 1.5, 1.0, Principled { diffuse_transmission: 0.4, ..glassy() }),
     ]
 }
 

@@ -12,6 +12,7 @@ use std::sync::Arc;
 
 use crate::common::project::output_folder;
 use crate::common::{assert_silent, device, own_scene, prepare, project_file, render_on, samples_on, tries};
+use crate::microfacets::{cloth, glassy};
 use glam::{Affine2, DVec3, Vec2, Vec3, dvec3};
 use half::f16;
 use rayon::prelude::*;
@@ -351,15 +352,6 @@ fn disney_and_mixtures() -> Vec<Material> {
         images.iter().for_each(|(parameter, image)| textures[*parameter as usize] = Some(*image));
         Material { textures, ..material }
     };
-    let cloth = Principled {
-        anisotropy: 0.8,
-        sheen: 0.9,
-        sheen_tint: 0.6,
-        specular_tint: 0.7,
-        flatness: 0.4,
-        ..Default::default()
-    };
-    let glassy = Principled { specular_share: 0.7, sheen: 0.5, ..Default::default() };
     let leaf = Principled {
         anisotropy: 0.5,
         sheen: 0.7,
@@ -372,8 +364,8 @@ fn disney_and_mixtures() -> Vec<Material> {
     let made_of = |surface| Material { surface, ..Material::diffuse(Vec3::ZERO) };
     vec![
         Material::principled(ORANGE, 1.5, 0.16, Principled::default()),
-        coated(Material::principled(ORANGE, 1.5, 0.49, cloth)),
-        Material::principled(ORANGE, 1.4, 0.36, glassy),
+        coated(Material::principled(ORANGE, 1.5, 0.49, cloth())),
+        Material::principled(ORANGE, 1.4, 0.36, glassy()),
         Material::principled_thin(ORANGE, 1.33, 0.25, leaf),
         textured(Material::diffuse(Vec3::ONE), &[(Parameter::Diffuse, 0)]),
         textured(lossy(copper(0.3)), &[(Parameter::Roughness, 1)]),
