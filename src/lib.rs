@@ -33,6 +33,7 @@ pub mod film;
 pub mod gpu;
 pub mod image;
 pub mod layout;
+pub mod parallel;
 pub mod rays;
 pub mod recording;
 pub mod render;

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::Bvh;
 use crate::constants::{WIDE_INNER_BIT, WIDE_LEAF_TRIANGLES};
+use crate::parallel;
 
 /// Most children of a node.
 const WIDEST: usize = 8;
@@ -105,7 +106,7 @@ pub(super) fn collapse(tree: &Bvh2, bvh: &mut Bvh) {
     while !level.is_empty() && level.len() < PARTS {
         level = level.into_iter().flat_map(|open| collapse.node(&mut top, open)).flatten().collect();
     }
-    let mut parts: Vec<Part> = level.par_iter().map(|open| collapse.subtree(open.source, open.level)).collect();
+    let mut parts = parallel::map(level.len(), &|open| collapse.subtree(level[open].source, level[open].level));
 
     // A part's root has its slot in the top, with its siblings; the rest of the part comes after the earlier parts.
     let (mut node_count, mut triangle_count) = (top.texels.len() / node_texels, top.order.len());
@@ -331,16 +332,14 @@ fn choices(tree: &Bvh2, width: usize) -> Vec<AtomicU32> {
         let open = |root: u32| if inner(root) { children(root).to_vec() } else { vec![root] };
         roots = roots.into_iter().flat_map(open).collect();
     }
-    let parts: HashMap<u32, Weights> = roots
-        .par_iter()
-        .map(|&root| {
-            let mut stack = Vec::new();
-            for node in in_order(root, &|node| !inner(node)).into_iter().rev() {
-                weigh(node, &mut stack);
-            }
-            (root, stack[0])
-        })
-        .collect();
+    let weights = parallel::map(roots.len(), &|root| {
+        let mut stack = Vec::new();
+        for node in in_order(roots[root], &|node| !inner(node)).into_iter().rev() {
+            weigh(node, &mut stack);
+        }
+        stack[0]
+    });
+    let parts: HashMap<u32, Weights> = roots.iter().copied().zip(weights).collect();
     let mut stack = Vec::new();
     for node in in_order(0, &|node| !top.contains(&node)).into_iter().rev() {
         match parts.get(&node) {

@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use ash::vk;
 use cpu_time::ThreadTime;
-use rayon::prelude::*;
 
 use super::device::Shared;
 use super::error::{Action, GpuError};
+use crate::parallel;
 use crate::shaders::{Binding, BindingKind, Specialized};
 
 /// The kernels of a render: one pipeline each, one layout for all, so that descriptor sets are
@@ -75,7 +75,7 @@ impl Pipelines {
             let (bindings, push_constant_size) = (bindings.clone(), *push_constant_size);
             pipeline.map(|pipeline| (*name, Built { pipeline, bindings, push_constant_size, time: start.elapsed() }))
         };
-        let built: Vec<_> = kernels.par_iter().map(build).collect();
+        let built = parallel::map(kernels.len(), &|kernel| build(&kernels[kernel]));
         // What was built is dropped with the others where one is not.
         let mut failed = None;
         for kernel in built {

@@ -3,7 +3,8 @@
 use std::{borrow::Cow, mem, path::PathBuf};
 
 use memchr::{memchr, memchr_iter, memchr2, memrchr};
-use rayon::prelude::*;
+
+use crate::parallel;
 
 /// Where the bytes of text that is no UTF-8 stand among characters: byte `b` is the character `ESCAPES + b`. They are in a
 /// plane for private use.
@@ -100,8 +101,8 @@ impl<'a> Part<'a> {
             rest.text = after;
         }
         parts.push(rest);
-        let lines: Vec<usize> =
-            parts.par_iter().map(|part| memchr_iter(part.line_end, part.text.as_bytes()).count()).collect();
+        let lines_of = |part: &Self| memchr_iter(part.line_end, part.text.as_bytes()).count();
+        let lines = parallel::map(parts.len(), &|part| lines_of(&parts[part]));
         let mut first_line = 1;
         for (part, lines) in parts.iter_mut().zip(lines) {
             part.first_line = first_line;

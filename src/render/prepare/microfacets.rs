@@ -5,9 +5,9 @@ use std::collections::HashMap;
 use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3, Vec3};
-use rayon::prelude::*;
 
 use crate::constants::TABLE_SIZE;
+use crate::parallel;
 use crate::scene::{Material, Surface};
 
 /// Tables in the words of the texture buffer.
@@ -110,10 +110,9 @@ impl<'a> Tables<'a> {
     fn add(&mut self, value: impl Fn(f64, f64) -> f64 + Sync) {
         let size = TABLE_SIZE as usize;
         let at = |step: usize| (step as f64 / (size - 1) as f64).powi(2);
-        let rows: Vec<Vec<f64>> = (0..size)
-            .into_par_iter()
-            .map(|row| (0..size).map(|column| value(at(column).max(1e-4), at(row).max(1e-6)).max(0.0)).collect())
-            .collect();
+        let rows: Vec<Vec<f64>> = parallel::map(size, &|row| {
+            (0..size).map(|column| value(at(column).max(1e-4), at(row).max(1e-6)).max(0.0)).collect()
+        });
         let pair = |values: &[f64], place: usize| {
             [values[place], values[(place + 1).min(size - 1)]].map(|value| (value as f32).to_bits())
         };

@@ -7,7 +7,6 @@ use std::{
 };
 
 use glam::{DVec3, Vec2, Vec3};
-use rayon::prelude::*;
 
 use super::{
     Import, Material, Mesh,
@@ -15,6 +14,7 @@ use super::{
     polygons::Polygons,
 };
 use crate::image::srgb;
+use crate::parallel;
 use crate::scene::{
     NONE, Triangle,
     error::{Location, SceneError},
@@ -250,7 +250,7 @@ fn read_vertices(parts: &[Part], path: &Path, sources: &mut Sources) -> Result<(
     let mut usemtl = (UNNAMED.to_owned(), None);
     let mut above = Vec::with_capacity(parts.len());
     for wave in parts.chunks(wave()) {
-        let read: Vec<_> = wave.par_iter().map(|part| read_vertices_of(*part)).collect();
+        let read = parallel::map(wave.len(), &|part| read_vertices_of(wave[part]));
         for read in read {
             let (own, last_usemtl, notes) = read?;
             above.push(Above { counts: vertices.counts(), usemtl: usemtl.clone() });
@@ -361,8 +361,7 @@ fn read_faces(
     let mut faces = Faces::default();
     let mut indices: HashMap<String, u32> = HashMap::new();
     for (wave, above) in parts.chunks(wave()).zip(above.chunks(wave())) {
-        let read: Vec<_> =
-            wave.par_iter().zip(above).map(|(part, above)| read_faces_of(*part, above.clone(), vertices)).collect();
+        let read = parallel::map(wave.len(), &|part| read_faces_of(wave[part], above[part].clone(), vertices));
         for read in read {
             let (own, notes) = read?;
             faces.libraries.extend(own.libraries);

@@ -5,9 +5,9 @@
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
 
 use super::optics::{reflectance, refracted_cosine};
+use raywave::parallel;
 
 /// How the normals of facets are distributed.
 #[derive(Debug, Clone, Copy)]
@@ -135,7 +135,7 @@ impl ByCosine {
 
     fn of(value: impl Fn(f64) -> f64 + Sync) -> Self {
         let cosine = |i: usize| (i as f64 / Self::STEPS as f64).powi(2);
-        let values = (0..=Self::STEPS).into_par_iter().map(|i| value(cosine(i).max(1e-4))).collect();
+        let values = parallel::map(Self::STEPS + 1, &|i| value(cosine(i).max(1e-4)));
         let mut function = Self { values, mean: 0.0 };
         function.mean = mean_over_cosine(|cosine| function.at(cosine));
         function

@@ -4,13 +4,12 @@ use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
 use glam::{DVec2, DVec3, Vec3, dvec3};
 
-use rayon::prelude::*;
-
 use super::Plan;
 use super::lab::{Lab, Measured, tell, trial};
 use super::stage::{WHITE_SKY, cube, grey, lamp, stage};
 use crate::oracle::bsdf::Bsdf;
 use crate::studies::Trial;
+use raywave::parallel;
 use raywave::render::RenderError;
 use raywave::scene::{Camera, Material, Principled, SceneBuilder};
 use raywave::settings::{Integrator, Settings};
@@ -130,7 +129,8 @@ fn integrated(material: &Material, wo: DVec3) -> DVec3 {
         });
         directions.map(|wi| bsdf.value(wo, wi, true)).sum::<DVec3>() * 6.0 * s * (1.0 - s)
     };
-    (0..RINGS).into_par_iter().map(ring).sum::<DVec3>() * TAU / f64::from(RINGS * TURNS)
+    parallel::map(RINGS as usize, &|number| ring(number as u32)).into_iter().sum::<DVec3>() * TAU
+        / f64::from(RINGS * TURNS)
 }
 
 /// The same by directions that the oracle draws, for lobes of any width.
@@ -142,7 +142,7 @@ fn albedo(material: &Material, wo: DVec3, points: u32) -> DVec3 {
         let u = (f64::from(i) * step + 0.5).fract();
         bsdf.draw(wo, true, u.x, DVec2::new(u.y, u.z)).map_or(DVec3::ZERO, |drawn| drawn.weight)
     };
-    (0..points).into_par_iter().map(drawn).sum::<DVec3>() / f64::from(points)
+    parallel::map(points as usize, &|i| drawn(i as u32)).into_iter().sum::<DVec3>() / f64::from(points)
 }
 
 /// The worst error of the strips' means.

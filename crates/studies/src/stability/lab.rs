@@ -1,7 +1,6 @@
 //! What the rows share: renders, and ways to hold them against what they should be.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::oracle::Reference;
 use crate::stats::{mean, standard_error};
@@ -9,6 +8,7 @@ use crate::studies::Trial;
 use raywave::bvh::BvhKind;
 use raywave::film::FilmMoments;
 use raywave::gpu::Device;
+use raywave::parallel;
 use raywave::rays::{RayClass, RayRecord};
 use raywave::render::{PreparedScene, RenderError, Renderer, Replay};
 use raywave::scene::Scene;
@@ -116,8 +116,8 @@ impl Lab<'_> {
     ) -> Result<Measured, RenderError> {
         let (film, nonfinite) = self.film(scene, settings)?;
         let reference = reference(oracle.0, settings);
-        let pixels = 0..film.sum.len() as u32;
-        let right: Vec<DVec3> = pixels.into_par_iter().map(|pixel| reference.path(pixel, 0).radiance).collect();
+        let radiance = |pixel| reference.path(pixel as u32, 0).radiance;
+        let right = parallel::map(film.sum.len(), &radiance);
         let floor = if own { DVec3::ZERO } else { right.iter().sum::<DVec3>() / right.len() as f64 };
         let wrong = |(found, right): (&DVec3, &DVec3)| {
             let off = (*found / oracle.1 - *right).abs();
@@ -131,8 +131,7 @@ impl Lab<'_> {
     pub fn mean_of_paths(&self, scene: &Scene, settings: &Settings) -> Result<Measured, RenderError> {
         let (film, nonfinite) = self.film(scene, settings)?;
         let reference = reference(scene, settings);
-        let pixels = 0..film.sum.len() as u32;
-        let right: Vec<f64> = pixels.into_par_iter().map(|pixel| reference.path(pixel, 0).radiance.x).collect();
+        let right = parallel::map(film.sum.len(), &|pixel| reference.path(pixel as u32, 0).radiance.x);
         let off: Vec<f64> = film.sum.iter().zip(&right).map(|(found, right)| found.x - right).collect();
         let exact = mean(&right);
         Ok(Measured {
@@ -167,7 +166,7 @@ impl Lab<'_> {
         let settings = Scene::cornell_box().settings;
         let mut lost = 0;
         for first in (0..rays).step_by(AT_ONCE as usize) {
-            let part: Vec<RayRecord> = (first..rays.min(first + AT_ONCE)).into_par_iter().map(&ray).collect();
+            let part = parallel::map(AT_ONCE.min(rays - first) as usize, &|number| ray(first + number as u64));
             let mut replay = Replay::new(self.device, scene, &settings, RayClass::Camera, &part, 1)?;
             let outcome = replay.run(0)?;
             lost += outcome.rays - outcome.hits;

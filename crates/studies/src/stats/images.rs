@@ -1,11 +1,11 @@
 //! How far an image is from a reference.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Moments, ZTest, sidak_level, z_test};
 use raywave::image::Image;
+use raywave::parallel;
 
 /// Keeps relMSE finite if the reference is dark, in radiance squared. The 0.01 of Rousselle, Knaus and Zwicker,
 /// "Adaptive sampling and reconstruction using greedy error minimization", ACM TOG 30 (2011).
@@ -97,8 +97,7 @@ pub fn compare_images(a: &Image, b: &Image) -> Result<ImageComparison, SizesDiff
         return Err(SizesDiffer { a: size_a, b: size_b });
     }
     // Parts of a fixed size, merged in their order: the same numbers on any number of cores.
-    let parts = a.pixels.par_chunks(PART).zip(b.pixels.par_chunks(PART)).map(|(a, b)| Part::of(a, b));
-    let parts: Vec<Part> = parts.collect();
+    let parts = parallel::map_parts(&a.pixels, PART, &|first, part| Part::of(part, &b.pixels[first..][..part.len()]));
     let all = parts.iter().fold(Part::default(), Part::with);
     let pixels = a.pixels.len() as u64;
     Ok(ImageComparison {

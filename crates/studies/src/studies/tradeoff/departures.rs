@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::stats::{Bootstrap, DARK, Estimate, Interval};
 use raywave::image::Image;
+use raywave::parallel;
 
 /// Two-sided quantile of a normal number for 95 %.
 const TWO_SIDED_95: f64 = 1.96;
@@ -109,7 +110,7 @@ impl ReferenceSum {
 
 /// Mean over pixels and channels.
 pub fn mean_radiance(image: &Image) -> f64 {
-    let sums: Vec<f64> = image.pixels.par_chunks(PART).map(|part| total(bytemuck::cast_slice(part))).collect();
+    let sums = parallel::map_parts(&image.pixels, PART, &|_, part| total(bytemuck::cast_slice(part)));
     sums.iter().sum::<f64>() / (3.0 * image.pixels.len() as f64)
 }
 
@@ -273,12 +274,12 @@ impl ProductRow {
 /// The products of many differences in one pass over the images: memory bandwidth is what takes the time, and data that
 /// several differences share are fetched once. Pixels of the reference that are not finite are left out.
 pub fn products<'a>(departures: &[Departure<'a>], reference: &Image) -> Vec<ProductRow> {
-    let parts = reference.pixels.par_chunks(PART).enumerate().map(|(i, reference)| {
+    let parts = parallel::map_parts(&reference.pixels, PART, &|first, reference| {
         let finite = reference.iter().filter(|r| r.is_finite()).count();
         // Pixels that are left out are 0 in all of them.
         let kept = |(pixel, reference): (&Vec3, &Vec3)| if reference.is_finite() { *pixel } else { Vec3::ZERO };
         let part = |image: &'a Image| -> Cow<'a, [Vec3]> {
-            let pixels = &image.pixels[i * PART..][..reference.len()];
+            let pixels = &image.pixels[first..][..reference.len()];
             if finite == reference.len() { pixels.into() } else { pixels.iter().zip(reference).map(kept).collect() }
         };
         let weights: Vec<Vec3> = reference.iter().map(|r| kept((&(r * r + DARK as f32).recip(), r))).collect();
@@ -297,10 +298,9 @@ pub fn products<'a>(departures: &[Departure<'a>], reference: &Image) -> Vec<Prod
             }
             row
         };
-        (departures.iter().map(row).collect(), finite)
+        (departures.iter().map(row).collect::<Vec<_>>(), finite)
     });
     // Merged in their order: the same numbers on any number of cores.
-    let parts: Vec<(Vec<ProductRow>, usize)> = parts.collect();
     let mut rows: Vec<ProductRow> = departures.iter().map(ProductRow::of_zeros).collect();
     let mut numbers = 0.0;
     for (part, finite) in parts {
