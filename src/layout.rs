@@ -374,6 +374,11 @@ impl RayCount {
     pub fn shadow_rays(&self) -> u64 {
         wide(self.shadow_rays)
     }
+
+    /// These rays and others.
+    pub fn plus(&self, other: &Self) -> Self {
+        Self { rays: sum(self.rays, other.rays), shadow_rays: sum(self.shadow_rays, other.shadow_rays) }
+    }
 }
 
 /// Work of a stage at one bounce, summed over its items: low and high halves. 32 bytes.
@@ -392,6 +397,16 @@ pub struct WorkCount {
 }
 
 impl WorkCount {
+    /// This work and other work.
+    pub fn plus(&self, other: &Self) -> Self {
+        Self {
+            items: sum(self.items, other.items),
+            nodes: sum(self.nodes, other.nodes),
+            triangles: sum(self.triangles, other.triangles),
+            steps: sum(self.steps, other.steps),
+        }
+    }
+
     /// Rays traced, or vertices shaded.
     pub fn items(&self) -> u64 {
         wide(self.items)
@@ -421,6 +436,12 @@ pub struct Bins {
     pub counts: [u32; MATERIAL_BINS as usize],
     /// Where the next ray of each bin goes.
     pub places: [u32; MATERIAL_BINS as usize],
+}
+
+/// A sum of numbers by their low and high halves.
+fn sum(a: [u32; 2], b: [u32; 2]) -> [u32; 2] {
+    let sum = wide(a) + wide(b);
+    [sum as u32, (sum >> 32) as u32]
 }
 
 fn wide([low, high]: [u32; 2]) -> u64 {

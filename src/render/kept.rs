@@ -1,38 +1,12 @@
-//! What the host keeps of a render that it may have to end or go on with elsewhere, and the film as the device holds it.
+//! What the host keeps of a render that it may have to end or go on with elsewhere.
 
+use std::ops::Range;
 use std::time::{Duration, Instant};
-
-use glam::DVec3;
-use rayon::prelude::*;
 
 use super::plan::{Band, Taken, Tile};
 use super::statistics::Statistics;
-use crate::film::FilmMoments;
-use crate::layout::{Control, FilmPixel};
-
-/// Sums of rows of a tile's film, from its top, in the scene's radiance.
-pub(super) fn moments<'a>(
-    film: &'a [FilmPixel],
-    bands: &'a [Band],
-    width: u32,
-    radiance_scale: f64,
-) -> impl Iterator<Item = FilmMoments> + 'a {
-    let (scale, mut rest) = (radiance_scale, film);
-    bands.iter().map(move |band| {
-        let (pixels, below) = rest.split_at((band.rows * width) as usize);
-        rest = below;
-        FilmMoments {
-            width,
-            height: band.rows,
-            samples: band.samples.into(),
-            sum: pixels.par_iter().map(|p| total(p.sum, p.sum_compensation, scale)).collect(),
-            sum_of_squares: pixels
-                .par_iter()
-                .map(|p| total(p.squares, p.squares_compensation, scale * scale))
-                .collect(),
-        }
-    })
-}
+use crate::film::{Film, FilmMoments};
+use crate::layout::FilmPixel;
 
 /// What the host keeps of a render, so that another session can go on from there, or the render end with it, should the
 /// device be lost.
@@ -43,16 +17,10 @@ pub struct Kept {
     pub(super) at: Instant,
     /// Time that the last look took.
     pub(super) cost: Duration,
-    /// First row of the tile under way, and the samples that it has.
-    pub(super) first_row: u32,
-    pub(super) taken: Taken,
-    /// Its film; empty where it has no samples.
-    pub(super) film: Vec<FilmPixel>,
-    pub(super) control: Control,
-    /// Of all tiles, with the bands of those that were handed over; `None` before the first look.
+    /// `None` until a session has begun with it.
+    film: Option<Film>,
+    /// Of all samples in the film; `None` before the first look.
     pub(super) statistics: Option<Statistics>,
-    pub(super) width: u32,
-    pub(super) radiance_scale: f64,
 }
 
 impl Default for Kept {
@@ -65,60 +33,86 @@ impl Kept {
     /// Time between two looks at the film where the user does not say.
     pub const EVERY: Duration = Duration::from_secs(5);
 
-    /// Nothing so far. The film is read once in that time, or less often where a read takes more than a hundredth of it.
+    /// Nothing so far. The film is read once in that time, or less often where a read, and what the caller does with what
+    /// was read, takes more than a hundredth of it.
     pub fn every(every: Duration) -> Self {
-        Self {
-            every,
-            at: Instant::now(),
-            cost: Duration::ZERO,
-            first_row: 0,
-            taken: Taken::default(),
-            film: Vec::new(),
-            control: bytemuck::Zeroable::zeroed(),
-            statistics: None,
-            width: 0,
-            radiance_scale: 1.0,
-        }
+        Self { every, at: Instant::now(), cost: Duration::ZERO, film: None, statistics: None }
+    }
+
+    /// The film that an earlier render has left, to go on with.
+    pub fn with_film(self, film: Film) -> Self {
+        Self { film: Some(film), ..self }
+    }
+
+    /// What there is of the image; `None` where no render has begun.
+    pub fn film(&self) -> Option<&Film> {
+        self.film.as_ref()
+    }
+
+    /// What it has cost; `None` before the first look at the device's film.
+    pub fn statistics(&self) -> Option<&Statistics> {
+        self.statistics.as_ref()
     }
 
     /// Samples that were kept, over all pixels.
     pub fn sample_count(&self) -> u64 {
-        self.statistics.as_ref().map_or(0, |statistics| statistics.sample_count)
+        self.film.as_ref().map_or(0, Film::sample_count)
     }
 
     pub(super) fn is_due(&self) -> bool {
         self.at.elapsed() >= self.every.max(100 * self.cost)
     }
 
-    pub(super) fn keep(
-        &mut self,
-        first_row: u32,
-        taken: Taken,
-        film: Vec<FilmPixel>,
-        control: Control,
-        statistics: Statistics,
-    ) {
-        (self.first_row, self.taken, self.film, self.control) = (first_row, taken, film, control);
-        (self.statistics, self.at) = (Some(statistics), Instant::now());
+    /// The film, which begins as `empty` where there is none.
+    pub(super) fn begin(&mut self, empty: impl FnOnce() -> Film) -> &mut Film {
+        self.at = Instant::now();
+        self.film.get_or_insert_with(empty)
     }
 
-    /// Ends a render with what was kept: hands the rows of the tile under way to `finished`. `None` where nothing was.
-    pub fn end(self, finished: impl FnMut(FilmMoments)) -> Option<Statistics> {
-        let mut statistics = self.statistics?;
-        if !self.film.is_empty() {
-            // The tile has as many rows as its film.
-            let rows = (self.film.len() / self.width as usize) as u32;
-            let bands = self.taken.bands(Tile { first_row: self.first_row, rows }, self.width);
-            moments(&self.film, &bands, self.width, self.radiance_scale).for_each(finished);
-            statistics.bands.extend(bands);
-            statistics.rows = statistics.bands.iter().map(|band| band.rows).sum();
-            statistics.samples = statistics.bands.iter().map(|band| band.samples).min().unwrap_or(0);
+    /// The film of a render that has begun.
+    pub(super) fn film_mut(&mut self) -> &mut Film {
+        self.film.as_mut().expect("the render has begun")
+    }
+
+    /// Takes down what the device has of a block in a tile.
+    pub(super) fn put(&mut self, tile: Tile, block: u32, taken: Taken, pixels: Vec<FilmPixel>) {
+        let film = self.film_mut();
+        let first = block * film.block_samples;
+        let bands: Vec<_> =
+            taken.rows(tile, film.width).map(|(rows, samples)| (rows, samples.saturating_sub(first))).collect();
+        film.put(tile.first_row, block, &bands, pixels);
+    }
+
+    pub(super) fn keep(&mut self, statistics: Statistics) {
+        self.statistics = Some(Statistics { bands: self.bands(), ..statistics }.told());
+        self.at = Instant::now();
+    }
+
+    /// The rows that have samples, from the top, by their samples.
+    fn bands(&self) -> Vec<Band> {
+        let strips = self.film.iter().flat_map(Film::strips).filter(|strip| strip.samples() > 0);
+        strips.map(|strip| Band { rows: strip.rows, samples: strip.samples() as u32 }).collect()
+    }
+
+    /// Takes the sums of those rows out of the film, where they have samples and are still there.
+    pub(super) fn hand_over(&mut self, rows: Range<u32>, finished: &mut impl FnMut(FilmMoments)) {
+        let film = self.film_mut();
+        let mut row = rows.start;
+        while let Some(same) = film.rows_from(row, rows.end.saturating_sub(row)) {
+            let strip = film.strips().iter().find(|strip| strip.first_row == row).expect("it was just found");
+            if strip.samples() > 0 && !strip.is_taken() {
+                finished(film.take(row));
+            }
+            row = same.end;
         }
+    }
+
+    /// Ends a render with what was kept: hands all rows that were not handed over to `finished`. `None` where nothing was
+    /// kept.
+    pub fn end(mut self, mut finished: impl FnMut(FilmMoments)) -> Option<Statistics> {
+        let statistics = self.statistics.take()?;
+        let height = self.film.as_ref()?.height;
+        self.hand_over(0..height, &mut finished);
         (statistics.rows > 0).then_some(statistics)
     }
-}
-
-/// A compensated sum, in the scene's units.
-pub(super) fn total(value: [f32; 4], compensation: [f32; 4], scale: f64) -> DVec3 {
-    DVec3::from_array(std::array::from_fn(|i| (f64::from(value[i]) + f64::from(compensation[i])) / scale))
 }

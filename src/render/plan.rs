@@ -109,12 +109,11 @@ impl Taken {
         self.pixels.is_multiple_of(width)
     }
 
-    /// The rows of the tile that have samples, from the top, by their samples.
-    pub fn bands(&self, tile: Tile, width: u32) -> Vec<Band> {
+    /// The rows of the tile, from the top, by their samples: one run of rows or, within a pass, two.
+    pub fn rows(&self, tile: Tile, width: u32) -> impl Iterator<Item = (u32, u32)> + use<> {
         let ahead = self.pixels / width;
-        let bands = [(ahead, self.samples + self.more), (tile.rows - ahead, self.samples)];
-        let bands = bands.map(|(rows, samples)| Band { rows, samples });
-        bands.into_iter().filter(|band| band.rows > 0 && band.samples > 0).collect()
+        let runs = [(ahead, self.samples + self.more), (tile.rows - ahead, self.samples)];
+        runs.into_iter().filter(|(rows, _)| *rows > 0)
     }
 }
 

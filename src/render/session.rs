@@ -1,24 +1,25 @@
 //! A render on a device: uploads the scene, runs batch after batch, reads the film.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::time::{Duration, Instant};
 
 use bytemuck::Pod;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::buffers::{path_buffers, path_records, scene_buffers};
 use super::defaults::{Choices, Defaults, Tuned};
 use super::error::RenderError;
-use super::kept::{Kept, moments, total};
+use super::kept::Kept;
 use super::pace::Pace;
-use super::plan::{Band, DeviceLimits, Plan, SampleRange, SceneDemands, Taken, Tile};
+use super::plan::{DeviceLimits, Plan, SampleRange, SceneDemands, Taken, Tile};
 use super::prepare::PreparedScene;
 use super::schedule::{Schedule, Work};
 use super::statistics::{Outcome, Statistics, scattered_rays};
 use super::traced::{DeviceTrace, Gathering};
-use crate::film::FilmMoments;
+use crate::constants::TRACED_SAMPLES;
+use crate::film::{Film, FilmMoments, Missing, PixelSums};
 use crate::gpu::{CompiledKernel, Device, Executor, ExecutorDescription, GpuError, Idle};
 use crate::image::Image;
 use crate::layout::{Control, FilmPixel, RayCount, WorkCount};
@@ -28,7 +29,7 @@ use crate::shaders::{Access, Arithmetic, Edition, Forms, Kernel, Library, buffer
 
 /// How far a render is.
 #[derive(Debug, Clone, Copy)]
-pub struct Progress {
+pub struct Progress<'a> {
     /// Samples done, over all pixels.
     pub samples_done: u64,
     /// Samples to do, over all pixels.
@@ -37,6 +38,8 @@ pub struct Progress {
     pub rays: u64,
     /// Since the first batch.
     pub elapsed: Duration,
+    /// What there is of the image, if the device's film was just read.
+    pub looked: Option<&'a Kept>,
 }
 
 /// How a render is to end before it is done.
@@ -96,6 +99,8 @@ pub struct Session {
     pub(super) executor: Executor,
     pub(super) plan: Plan,
     pub(super) settings: Settings,
+    /// Samples of each pixel that renders take, by number. The first begins a block.
+    wanted: Range<u32>,
     pub(super) schedule: Schedule,
     choices: Choices,
     counting: bool,
@@ -148,6 +153,7 @@ impl Session {
             executor,
             plan,
             settings: *settings,
+            wanted: 0..settings.samples,
             schedule,
             choices,
             counting: options.counting,
@@ -166,9 +172,20 @@ impl Session {
     /// When the device fails.
     pub fn reseed(&mut self, scene: &PreparedScene, seed: u32, samples: u32) -> Result<(), RenderError> {
         self.settings = Settings { seed, samples, ..self.settings };
+        self.wanted = 0..samples;
         let frame = scene.frame(&self.settings, self.plan.path_capacity);
         self.executor.run(Recording::default().upload(buffers::FRAME, bytemuck::bytes_of(&frame)))?;
         Ok(())
+    }
+
+    /// Has the next renders take these blocks alone.
+    ///
+    /// # Panics
+    /// When the settings' samples have none of them.
+    pub fn take_blocks(&mut self, blocks: Range<u32>) {
+        let size = self.settings.block_samples();
+        self.wanted = blocks.start * size..self.settings.samples.min(blocks.end.saturating_mul(size));
+        assert!(!self.wanted.is_empty(), "there is a sample to take");
     }
 
     /// Bytes of device memory that the session holds.
@@ -233,7 +250,10 @@ impl Session {
     ///
     /// # Errors
     /// When the device fails.
-    pub fn render(&mut self, progress: impl FnMut(&Progress) -> ControlFlow<Ending>) -> Result<Outcome, RenderError> {
+    pub fn render(
+        &mut self,
+        progress: impl FnMut(&Progress<'_>) -> ControlFlow<Ending>,
+    ) -> Result<Outcome, RenderError> {
         let mut film: Option<FilmMoments> = None;
         let statistics = self.render_tiles(progress, |rows| match &mut film {
             None => film = Some(rows),
@@ -249,9 +269,16 @@ impl Session {
     /// When the device fails.
     pub fn render_image(&mut self) -> Result<(Image, Statistics), RenderError> {
         let mut pixels = Vec::with_capacity(self.plan.pixels() as usize);
-        let whole = |_: &Progress| ControlFlow::Continue(());
         let mut kept = Kept::every(Duration::MAX);
-        let statistics = self.run(&mut kept, whole, |session, tile, _| session.mean(tile, &mut pixels))?;
+        let one_block = self.wanted.end <= self.settings.block_samples();
+        let reads = if one_block { Reads::Nothing } else { Reads::Film };
+        let statistics = self.run(&mut kept, reads, whole, |session, kept, tile| {
+            if one_block {
+                return session.mean(tile, &mut pixels);
+            }
+            pixels.extend(kept.film_mut().take(tile.first_row).mean().pixels);
+            Ok(())
+        })?;
         Ok((Image::new(self.plan.width, statistics.rows, pixels), statistics))
     }
 
@@ -260,141 +287,173 @@ impl Session {
     /// # Errors
     /// When the device fails.
     pub fn time(&mut self) -> Result<Statistics, RenderError> {
-        self.run(&mut Kept::every(Duration::MAX), |_| ControlFlow::Continue(()), |_, _, _| Ok(()))
+        self.run(&mut Kept::every(Duration::MAX), Reads::Nothing, whole, |_, _, _| Ok(()))
     }
 
-    /// As [`Session::go_on`], from the start.
+    /// Renders all samples of one tile after the other, from the top, and hands each to `finished`. `progress` is that of
+    /// [`Session::go_on`]; of a render that it breaks off, the rows are handed over by their samples, and those that have
+    /// none are not.
     ///
     /// # Errors
     /// When the device fails.
     pub fn render_tiles(
         &mut self,
-        progress: impl FnMut(&Progress) -> ControlFlow<Ending>,
+        progress: impl FnMut(&Progress<'_>) -> ControlFlow<Ending>,
         finished: impl FnMut(FilmMoments),
     ) -> Result<Statistics, RenderError> {
-        self.go_on(&mut Kept::default(), progress, finished)
+        self.go_on_by_tiles(&mut Kept::default(), progress, finished)
     }
 
-    /// Renders all samples of one tile after the other, from the top, and hands each to `finished`. Begins where `kept`
-    /// ends, which another session of the same scene and settings may have left, and keeps it up to date.
+    /// As [`Session::go_on`], but hands the rows that are done to `finished`, which `kept` then knows by their number alone.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn go_on_by_tiles(
+        &mut self,
+        kept: &mut Kept,
+        progress: impl FnMut(&Progress<'_>) -> ControlFlow<Ending>,
+        mut finished: impl FnMut(FilmMoments),
+    ) -> Result<Statistics, RenderError> {
+        self.run(kept, Reads::Film, progress, |_, kept, tile| {
+            kept.hand_over(tile.first_row..tile.first_row + tile.rows, &mut finished);
+            Ok(())
+        })
+    }
+
+    /// Renders the samples that the film in `kept` lacks, which another session of the same scene and settings may have
+    /// begun, and puts them there.
     ///
     /// `progress` is called after each batch, and after each sampling before the first one, some fractions of a second
-    /// apart. When it breaks, the render ends as it says, with the samples that it has: the rows of the tile under way
-    /// are handed over by their samples, and of the rows that have none nothing is. There is a batch at least.
+    /// apart. When it breaks, the render ends as it says, with the samples that it has. There is a batch at least, unless
+    /// no sample is lacking.
     ///
     /// # Errors
     /// When the device fails.
     pub fn go_on(
         &mut self,
         kept: &mut Kept,
-        progress: impl FnMut(&Progress) -> ControlFlow<Ending>,
-        mut finished: impl FnMut(FilmMoments),
+        progress: impl FnMut(&Progress<'_>) -> ControlFlow<Ending>,
     ) -> Result<Statistics, RenderError> {
-        self.run(kept, progress, |session, tile, bands| {
-            let film = session.film(tile)?;
-            moments(&film, bands, session.plan.width, session.radiance_scale).for_each(&mut finished);
-            Ok(())
-        })
+        self.run(kept, Reads::Film, progress, |_, _, _| Ok(()))
     }
 
-    /// Renders as [`Session::go_on`] says; `finished` may look at the film of each tile, by its rows of equal samples.
+    /// Renders as [`Session::go_on`] says, and calls `finished` once a tile is done, or as far as it comes.
     fn run(
         &mut self,
         kept: &mut Kept,
-        mut progress: impl FnMut(&Progress) -> ControlFlow<Ending>,
-        mut finished: impl FnMut(&mut Self, Tile, &[Band]) -> Result<(), GpuError>,
+        reads: Reads,
+        mut progress: impl FnMut(&Progress<'_>) -> ControlFlow<Ending>,
+        mut finished: impl FnMut(&mut Self, &mut Kept, Tile) -> Result<(), GpuError>,
     ) -> Result<Statistics, RenderError> {
-        let start = Instant::now();
+        let wanted = self.wanted.clone();
+        let film = kept.begin(|| self.empty_film());
+        let done = film.samples_of(&wanted);
+        let total = self.plan.pixels() * u64::from(wanted.end - wanted.start);
         let before = kept.statistics.clone().unwrap_or_else(|| self.nothing());
-        let mut samples_done = before.sample_count;
-        let samples_total = self.plan.pixels() * u64::from(self.settings.samples);
-        self.sample_pace(|| {
-            let elapsed = before.wall_time + start.elapsed();
-            progress(&Progress { samples_done, samples_total, rays: 0, elapsed }).is_continue()
-        })?;
-        let mut taken = self.take_up(kept)?;
-        let mut bands = before.bands.clone();
-        let mut statistics = before.clone();
+        let mut under_way = UnderWay::new(before, done, total);
+        self.sample_pace(|| progress(&under_way.progress(None)).is_continue())?;
+        self.clear()?;
+        self.gather_trace();
+        if let Some(tracing) = &mut self.tracing {
+            tracing.begin_render();
+        }
+        let (mut row, mut ending) = (0, None);
+        while let Some(rows) = kept.film_mut().rows_from(row, self.plan.tile_rows).filter(|_| ending.is_none()) {
+            let tile = Tile { first_row: rows.start, rows: rows.end - rows.start };
+            while let Some(missing) = kept.film_mut().missing(rows.start, &wanted).filter(|_| ending.is_none()) {
+                ending = self.render_block(kept, &mut under_way, tile, missing, reads, &mut progress)?;
+            }
+            finished(self, kept, tile)?;
+            row = rows.end;
+        }
+        kept.film_mut().join();
+        Ok(kept.statistics.clone().unwrap_or_else(|| self.nothing()))
+    }
+
+    /// Renders what a tile lacks of a block.
+    fn render_block(
+        &mut self,
+        kept: &mut Kept,
+        under_way: &mut UnderWay,
+        tile: Tile,
+        Missing { block, from, to }: Missing,
+        reads: Reads,
+        progress: &mut impl FnMut(&Progress<'_>) -> ControlFlow<Ending>,
+    ) -> Result<Option<Ending>, RenderError> {
+        let mut recording = Recording::default();
+        match kept.film_mut().begun(tile.first_row, block) {
+            [] => recording.clear(buffers::FILM),
+            begun => recording.upload(buffers::FILM, bytemuck::cast_slice(&begun[..self.pixels_of(tile)])),
+        };
+        self.executor.run(&recording)?;
+        let mut taken = Taken { samples: from, ..Taken::default() };
         let mut ending = None;
-        let (mut counted, mut rays_per_sample) = (start, 1.0);
-        for (place, tile) in self.plan.tiles(kept.first_row).enumerate() {
-            if place > 0 {
-                self.executor.run(Recording::default().clear(buffers::FILM))?;
+        while let Some(batch) = self.next_batch(tile, taken, to)? {
+            let work = self.place(batch)?;
+            self.render_batch(work)?;
+            self.learn();
+            taken.add(batch, tile.rows * self.plan.width);
+            under_way.add(batch);
+            if under_way.counted.elapsed() > COUNT_INTERVAL {
+                let waiting = self.gathered.map_or(0, |batch| batch.paths().into());
+                under_way.count(&self.counts()?.rays, waiting);
             }
-            while let Some(batch) = self.next_batch(tile, taken)? {
-                let work = self.place(batch)?;
-                self.render_batch(work)?;
-                self.learn();
-                taken.add(batch, tile.rows * self.plan.width);
-                samples_done += u64::from(batch.paths());
-                if counted.elapsed() > COUNT_INTERVAL {
-                    let (bounce_rays, shadow_rays) = scattered_rays(&self.counts()?.rays);
-                    let known = samples_done - self.gathered.map_or(0, |batch| batch.paths().into());
-                    rays_per_sample = 1.0 + (bounce_rays + shadow_rays) as f64 / known.max(1) as f64;
-                    counted = Instant::now();
-                }
-                let rays = (samples_done as f64 * rays_per_sample) as u64;
-                let elapsed = before.wall_time + start.elapsed();
-                ending = progress(&Progress { samples_done, samples_total, rays, elapsed }).break_value();
-                let of_rows = taken.is_of_rows(self.plan.width);
-                if ending == Some(Ending::Even) && taken.pixels == 0 || ending == Some(Ending::Now) && of_rows {
-                    break;
-                }
-                if of_rows && kept.is_due() {
-                    let begun = Instant::now();
-                    let film = self.film(tile)?;
-                    let counts = self.counts()?;
-                    let control = counts.control;
-                    statistics = self.statistics(counts, &before, &bands, samples_done, start.elapsed())?;
-                    kept.keep(tile.first_row, taken, film, control, statistics.clone());
-                    kept.cost = begun.elapsed();
-                }
+            let begun = Instant::now();
+            let of_rows = taken.is_of_rows(self.plan.width);
+            let looks = of_rows && reads == Reads::Film && kept.is_due();
+            if looks {
+                self.look(kept, under_way, tile, block, taken, reads)?;
             }
-            self.resolve()?;
-            self.executor.wait()?;
-            let wall_time = start.elapsed();
-            let rows = taken.bands(tile, self.plan.width);
-            finished(self, tile, &rows)?;
-            bands.extend(rows);
-            let counts = self.counts()?;
-            let control = counts.control;
-            statistics = self.statistics(counts, &before, &bands, samples_done, wall_time)?;
-            taken = Taken::default();
-            kept.keep(tile.first_row + tile.rows, taken, Vec::new(), control, statistics.clone());
-            if ending.is_some() {
+            ending = progress(&under_way.progress(looks.then_some(&*kept))).break_value();
+            if looks {
+                (kept.at, kept.cost) = (Instant::now(), begun.elapsed());
+            }
+            if ending == Some(Ending::Even) && taken.pixels == 0 || ending == Some(Ending::Now) && of_rows {
                 break;
             }
         }
-        Ok(statistics)
+        self.look(kept, under_way, tile, block, taken, reads)?;
+        Ok(ending)
     }
 
-    /// Restores on the device what was kept of a render, and returns which samples the tile under way has.
-    fn take_up(&mut self, kept: &mut Kept) -> Result<Taken, GpuError> {
-        self.clear()?;
-        (kept.width, kept.radiance_scale, kept.at) = (self.plan.width, self.radiance_scale, Instant::now());
-        let mut recording = Recording::default();
-        if let Some(statistics) = &kept.statistics {
-            recording.upload(buffers::RAY_COUNTS, bytemuck::cast_slice(&statistics.ray_counts));
-            if self.counting {
-                recording.upload(buffers::WORK_COUNTS, bytemuck::cast_slice(&statistics.work_counts));
-            }
-            recording.upload(buffers::CONTROL, bytemuck::bytes_of(&kept.control));
-            recording.upload(buffers::FILM, bytemuck::cast_slice(&kept.film));
-        }
-        self.executor.run(&recording)?;
-        self.gather_trace();
-        if let Some(tracing) = &mut self.tracing {
-            tracing.begin_render(kept.statistics.as_ref().map_or(&[], |statistics| &statistics.ray_counts));
-        }
-        Ok(kept.taken)
+    /// Takes down what the device has of a block in a tile, and what the render has cost.
+    fn look(
+        &mut self,
+        kept: &mut Kept,
+        under_way: &UnderWay,
+        tile: Tile,
+        block: u32,
+        taken: Taken,
+        reads: Reads,
+    ) -> Result<(), RenderError> {
+        self.resolve()?;
+        self.executor.wait()?;
+        let wall_time = under_way.start.elapsed();
+        let pixels = match reads {
+            Reads::Film => self.film(tile)?,
+            Reads::Nothing => Vec::new(),
+        };
+        let counts = self.counts()?;
+        kept.put(tile, block, taken, pixels);
+        kept.keep(self.statistics(counts, under_way, wall_time)?);
+        Ok(())
     }
 
-    /// Zeroes the film and all counts, and empties the queues.
+    /// The film of an image of which there is nothing.
+    fn empty_film(&self) -> Film {
+        Film::new(self.plan.width, self.plan.height, self.settings.block_samples(), self.radiance_scale)
+    }
+
+    fn pixels_of(&self, tile: Tile) -> usize {
+        tile.rows as usize * self.plan.width as usize
+    }
+
+    /// Zeroes all counts and empties the queues.
     pub(super) fn clear(&mut self) -> Result<(), GpuError> {
         self.executor.wait()?;
         let _stage = self.executor.stages().begin("clear");
         let mut recording = Recording::default();
-        recording.clear(buffers::FILM).clear(buffers::RAY_COUNTS);
+        recording.clear(buffers::RAY_COUNTS);
         if self.counting {
             recording.clear(buffers::WORK_COUNTS);
         }
@@ -446,8 +505,8 @@ impl Session {
         Ok(())
     }
 
-    /// The batch that follows in a tile, of as many paths as the pace allows.
-    fn next_batch(&mut self, tile: Tile, taken: Taken) -> Result<Option<SampleRange>, GpuError> {
+    /// The batch that follows in a tile that is to have the samples below `end`, of as many paths as the pace allows.
+    fn next_batch(&mut self, tile: Tile, taken: Taken, end: u32) -> Result<Option<SampleRange>, GpuError> {
         let samples = if taken.pixels > 0 { taken.more } else { self.plan.samples_side_by_side() };
         let width = self.plan.width;
         let mut paths = self.pace.paths(tile, width, taken.pixels, samples);
@@ -458,7 +517,7 @@ impl Session {
             paths = self.pace.paths(tile, width, taken.pixels, samples);
         }
         let pass_paths = self.pace.paths_within(tile, width, taken.pixels, samples, PASS_SECONDS) as u32;
-        Ok(self.plan.next_batch(tile, taken, self.settings.samples, paths, pass_paths))
+        Ok(self.plan.next_batch(tile, taken, end, paths, pass_paths))
     }
 
     /// Reports the batches that have ended to the pace.
@@ -571,10 +630,10 @@ impl Session {
         Ok(film)
     }
 
-    /// Reads the mean of every pixel of a tile that has all samples, as [`FilmMoments::mean`] has it.
+    /// Reads the mean of every pixel of a tile that has all samples in one block, as [`FilmMoments::mean`] has it.
     fn mean(&mut self, tile: Tile, means: &mut Vec<Vec3>) -> Result<(), GpuError> {
         let (scale, samples) = (self.radiance_scale, f64::from(self.settings.samples));
-        let mean = |p: &FilmPixel| (total(p.sum, p.sum_compensation, scale) / samples).as_vec3();
+        let mean = |pixel: &FilmPixel| (DVec3::from_array(PixelSums::of(pixel).sum) / scale / samples).as_vec3();
         self.visit_film(tile, |pixels| means.par_extend(pixels.par_iter().map(mean)))
     }
 
@@ -618,13 +677,11 @@ impl Session {
         }
     }
 
-    /// What a render has cost so far, with what it had cost `before` in another session. Nothing is under way.
+    /// What a render has cost so far, with what it had cost before in another session. No batch is under way.
     fn statistics(
         &mut self,
         Counts { control, rays, work }: Counts,
-        before: &Statistics,
-        bands: &[Band],
-        sample_count: u64,
+        UnderWay { before, taken, .. }: &UnderWay,
         wall_time: Duration,
     ) -> Result<Statistics, RenderError> {
         if control.cut_loops != 0 {
@@ -632,7 +689,11 @@ impl Session {
         }
         let mut nonfinite_traced = control.traced_samples.to_vec();
         nonfinite_traced.truncate(control.nonfinite_samples as usize);
+        nonfinite_traced.extend(&before.nonfinite_traced);
         nonfinite_traced.sort_unstable();
+        nonfinite_traced.truncate(TRACED_SAMPLES as usize);
+        let rays = sums(rays, &before.ray_counts, RayCount::plus);
+        let work = sums(work, &before.work_counts, WorkCount::plus);
         let (bounce_rays, shadow_rays) = scattered_rays(&rays);
         let mut passes = before.passes.clone();
         for (pass, time) in self.executor.kernel_times() {
@@ -640,15 +701,13 @@ impl Session {
             total.seconds += time.seconds;
             total.launches += time.launches;
         }
+        let sample_count = before.sample_count + taken;
         Ok(Statistics {
-            samples: bands.iter().map(|band| band.samples).min().unwrap_or(0),
-            rows: bands.iter().map(|band| band.rows).sum(),
-            bands: bands.to_vec(),
             sample_count,
             camera_rays: sample_count,
             bounce_rays,
             shadow_rays,
-            nonfinite_samples: control.nonfinite_samples,
+            nonfinite_samples: before.nonfinite_samples + control.nonfinite_samples,
             nonfinite_traced,
             wall_time: before.wall_time + wall_time,
             gpu_seconds: before.gpu_seconds + self.executor.device_seconds(),
@@ -658,6 +717,70 @@ impl Session {
             work_counts: work,
             ..self.nothing()
         })
+    }
+}
+
+/// Counts that go on from those of an earlier session, if there was one.
+fn sums<T>(mut counts: Vec<T>, before: &[T], plus: impl Fn(&T, &T) -> T) -> Vec<T> {
+    counts.iter_mut().zip(before).for_each(|(count, before)| *count = plus(count, before));
+    counts
+}
+
+/// What a render reads of the device's film.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Reads {
+    /// All of it.
+    Film,
+    /// Nothing, since it is timed, or read by other means.
+    Nothing,
+}
+
+/// Goes on to the end.
+fn whole(_: &Progress<'_>) -> ControlFlow<Ending> {
+    ControlFlow::Continue(())
+}
+
+/// How far a render is.
+struct UnderWay {
+    start: Instant,
+    /// What it had cost in another session.
+    before: Statistics,
+    /// Samples that this session took, those that the film has of the ones wanted, and all of the latter.
+    taken: u64,
+    done: u64,
+    total: u64,
+    rays_per_sample: f64,
+    /// When the device's counts were last looked at.
+    counted: Instant,
+}
+
+impl UnderWay {
+    fn new(before: Statistics, done: u64, total: u64) -> Self {
+        let start = Instant::now();
+        Self { start, before, taken: 0, done, total, rays_per_sample: 1.0, counted: start }
+    }
+
+    fn add(&mut self, batch: SampleRange) {
+        self.taken += u64::from(batch.paths());
+        self.done += u64::from(batch.paths());
+    }
+
+    /// Heeds what the device has counted; `waiting` samples are not in it.
+    fn count(&mut self, counts: &[RayCount], waiting: u64) {
+        let (bounce_rays, shadow_rays) = scattered_rays(counts);
+        let known = self.taken - waiting;
+        self.rays_per_sample = 1.0 + (bounce_rays + shadow_rays) as f64 / known.max(1) as f64;
+        self.counted = Instant::now();
+    }
+
+    fn progress<'a>(&self, looked: Option<&'a Kept>) -> Progress<'a> {
+        Progress {
+            samples_done: self.done,
+            samples_total: self.total,
+            rays: (self.done as f64 * self.rays_per_sample) as u64,
+            elapsed: self.before.wall_time + self.start.elapsed(),
+            looked,
+        }
     }
 }
 

@@ -75,6 +75,15 @@ impl Outcome {
 }
 
 impl Statistics {
+    /// The samples and rows that its bands tell of.
+    pub(super) fn told(self) -> Self {
+        Self {
+            samples: self.bands.iter().map(|band| band.samples).min().unwrap_or(0),
+            rows: self.bands.iter().map(|band| band.rows).sum(),
+            ..self
+        }
+    }
+
     /// Rays of all classes.
     pub fn rays(&self) -> u64 {
         self.camera_rays + self.bounce_rays + self.shadow_rays

@@ -78,10 +78,10 @@ impl Gathering {
         }
     }
 
-    /// What follows is for the film, and the device's counts begin with these.
-    pub fn begin_render(&mut self, counts: &[RayCount]) {
+    /// What follows is for the film, and the device's counts begin anew.
+    pub fn begin_render(&mut self) {
         self.purpose = Purpose::Render;
-        self.counted = counts.iter().map(QueueLengths::of).collect();
+        self.counted.clear();
     }
 
     /// A submission was made.
@@ -151,14 +151,14 @@ mod tests {
         let mut gathering = Gathering::new(true);
         gathering.expect(true);
         gathering.add(vec![submission(&counts(&[(9, 9), (0, 0), (0, 0)]))]);
-        // A render that goes on: its counts begin with what it had.
-        gathering.begin_render(&counts(&[(100, 40), (30, 0), (0, 0)]));
+        // The counts begin anew.
+        gathering.begin_render();
         [false, true, true, false].into_iter().for_each(|ends| gathering.expect(ends));
-        gathering.add(vec![submission(&counts(&[(108, 45), (35, 0), (0, 0)]))]);
+        gathering.add(vec![submission(&counts(&[(8, 5), (5, 0), (0, 0)]))]);
         gathering.add(vec![
-            submission(&counts(&[(108, 46), (35, 0), (2, 0)])),
-            submission(&counts(&[(116, 46), (35, 0), (2, 0)])),
-            submission(&counts(&[(120, 46), (35, 0), (2, 0)])),
+            submission(&counts(&[(8, 6), (5, 0), (2, 0)])),
+            submission(&counts(&[(16, 6), (5, 0), (2, 0)])),
+            submission(&counts(&[(20, 6), (5, 0), (2, 0)])),
         ]);
         let trace = DeviceTrace { alignment: Alignment::BySubmission, batches: gathering.batches() };
         let told: Vec<_> = trace.batches.iter().map(|b| (b.purpose, b.submissions.len())).collect();

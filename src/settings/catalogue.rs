@@ -9,8 +9,8 @@ use std::str::FromStr;
 use serde_json::Map;
 
 use super::{
-    Fetch, Filter, Instances, Integrator, MAX_MATERIAL_BRANCHES, Name, Named, Numerics, Offsets, Packets, PathState,
-    RouletteMode, Sampler, Scheduler, Settings, ShadowRays, Sort,
+    Fetch, Filter, Instances, Integrator, MAX_MATERIAL_BRANCHES, MAX_SAMPLES, Name, Named, Numerics, Offsets, Packets,
+    PathState, RouletteMode, Sampler, Scheduler, Settings, ShadowRays, Sort,
 };
 use crate::bvh::BvhKind;
 
@@ -375,6 +375,16 @@ pub static SETTINGS: &[Setting] = &[
         of_scene: true,
         role: Role::Workload,
         levels: &["4", "16", "64"],
+    },
+    counted_or_auto! {
+        block_samples in 1..=MAX_SAMPLES,
+        flag: "block-samples",
+        key: "block_samples",
+        placeholder: "SAMPLES",
+        help: "Samples of a block, a power of two: the parts that a render can be cut into; it changes rounding alone",
+        otherwise: "256; below 64x64 pixels, as many as make 2^20 samples, up to 16,384",
+        meaning: "samples of a block, whose sum is rounded by itself",
+        role: Role::Estimator,
     },
     chosen! {
         integrator: Integrator,

@@ -44,6 +44,8 @@ pub enum SettingsError {
         "{0} samples per pixel are asked for and {MAX_SAMPLES} is the most; use several renders of other --seed and average them"
     )]
     TooManySamples(u32),
+    #[error("a block of {0} samples cannot be halved; use a power of two up to {MAX_SAMPLES}")]
+    BlockSamples(u32),
     #[error("roulette {0} is not a probability of stopping; use a number from 0 up to, not including, 1")]
     Roulette(f64),
     #[error("a clamp of {0} lets no light through or all of it; use a radiance above 0, or leave it out")]
@@ -63,6 +65,8 @@ pub struct Settings {
     pub height: u32,
     /// Samples per pixel, at least 1.
     pub samples: u32,
+    /// Samples of a block, a power of two; `None` leaves it to the size of the image.
+    pub block_samples: Option<u32>,
     /// How light is gathered.
     pub integrator: Integrator,
     /// Scattering events between camera and light; `None` is unbounded.
@@ -132,6 +136,7 @@ impl Default for Settings {
             width: 512,
             height: 512,
             samples: 64,
+            block_samples: None,
             integrator: Integrator::Explicit,
             max_bounces: Some(8),
             roulette: 0.0,
@@ -173,6 +178,17 @@ impl Settings {
         self.max_bounces.map_or(u32::MAX, |bounces| bounces.saturating_add(1))
     }
 
+    /// Samples of a block, whose sums are added up by itself: a block of the image, or of 64x64 pixels where it is smaller,
+    /// is 2^20 samples at least.
+    pub fn block_samples(&self) -> u32 {
+        const BLOCK: u64 = 1 << 20;
+        const LEAST: u64 = 256;
+        const MOST: u64 = 1 << 14;
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        let suits = BLOCK.div_ceil(pixels.max(1)).next_power_of_two().clamp(LEAST, MOST) as u32;
+        self.block_samples.unwrap_or(suits)
+    }
+
     /// Whether they make sense together.
     ///
     /// # Errors
@@ -184,6 +200,9 @@ impl Settings {
         }
         if self.samples > MAX_SAMPLES {
             return Err(SettingsError::TooManySamples(self.samples));
+        }
+        if let Some(block) = self.block_samples.filter(|block| !block.is_power_of_two() || *block > MAX_SAMPLES) {
+            return Err(SettingsError::BlockSamples(block));
         }
         if !(0.0..1.0).contains(&self.roulette) {
             return Err(SettingsError::Roulette(self.roulette));

@@ -21,6 +21,7 @@ mod microfacets;
 mod numeric_settings;
 mod numerics;
 mod oracle_images;
+mod parts;
 mod pipeline_cache;
 mod placed_meshes;
 mod ray_counts;

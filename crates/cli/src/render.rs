@@ -204,7 +204,7 @@ fn go_on(
     finished: impl FnMut(FilmMoments),
 ) -> anyhow::Result<Statistics> {
     most_passes.map_or(Ok(()), |most| session.keep_trace(most))?;
-    let rendered = session.go_on(kept, progress, finished);
+    let rendered = session.go_on_by_tiles(kept, progress, finished);
     traces.extend(session.take_trace());
     Ok(rendered?)
 }

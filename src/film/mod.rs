@@ -1,11 +1,16 @@
 //! The film: how many samples each pixel has, their sum and the sum of their squares, and what
 //! follows from these: the image and its variance.
 //!
-//! It knows nothing of scenes, of the GPU or of files.
+//! [`Film`] holds the sums by blocks of samples, so that parts add up to the bits of the whole.
+//! It knows nothing of scenes or of the GPU.
+
+mod blocks;
 
 use glam::{DVec3, Vec3};
 
 use crate::image::Image;
+
+pub use blocks::{Film, MergeError, Missing, PixelSums, Run, Strip, Sums, block_range};
 
 /// Raw moments of the radiance samples of every pixel, taken to be independent between samples
 /// and between pixels.

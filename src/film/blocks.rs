@@ -1,0 +1,519 @@
+//! Sums of samples by blocks, so that parts of a render add up to the bits of the whole.
+//!
+//! The samples of a pixel are numbered, and a block is as many of them as `block_samples` says, a power of two, from a
+//! multiple of it on. The device adds the samples of a block in their order. The totals of two blocks, or of two runs of
+//! blocks, are added where they are the halves of an aligned run: 0 and 1, 2 and 3, then 0 to 1 and 2 to 3, and so on, as
+//! pairwise summation does. So every sum has one way to come about, whoever rendered its parts and in which order, and an
+//! error that grows by the logarithm of the blocks. What remains at the end, runs of falling length and perhaps a block
+//! that is not full, is added from the first to the last.
+
+use std::ops::Range;
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::FilmMoments;
+use crate::layout::FilmPixel;
+use crate::parallel;
+
+/// Pixels that a thread takes at once.
+const PART: usize = 1 << 14;
+
+/// Sums of a pixel over the samples of whole blocks, in the units of the kernels. 48 bytes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct PixelSums {
+    /// Of radiance.
+    pub sum: [f64; 3],
+    /// Of squared radiance.
+    pub squares: [f64; 3],
+}
+
+impl PixelSums {
+    /// The sums of a pixel of the device's film.
+    pub fn of(pixel: &FilmPixel) -> Self {
+        let total = |value: [f32; 4], compensation: [f32; 4]| {
+            std::array::from_fn(|channel| f64::from(value[channel]) + f64::from(compensation[channel]))
+        };
+        Self {
+            sum: total(pixel.sum, pixel.sum_compensation),
+            squares: total(pixel.squares, pixel.squares_compensation),
+        }
+    }
+
+    /// Adds the sums of later samples.
+    fn add(&mut self, later: &Self) {
+        for channel in 0..3 {
+            self.sum[channel] += later.sum[channel];
+            self.squares[channel] += later.squares[channel];
+        }
+    }
+}
+
+/// Sums of the pixels of some rows, from the left and from the top.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Sums {
+    /// Over whole blocks.
+    Whole(Vec<PixelSums>),
+    /// Of a block that is not full, as the device holds them: it can go on from there.
+    Open(Vec<FilmPixel>),
+}
+
+impl Sums {
+    /// Pixels: those of the rows, or none where the sums were handed on.
+    pub fn pixels(&self) -> usize {
+        match self {
+            Self::Whole(pixels) => pixels.len(),
+            Self::Open(pixels) => pixels.len(),
+        }
+    }
+
+    fn split_off(&mut self, pixel: usize) -> Self {
+        match self {
+            Self::Whole(pixels) => Self::Whole(pixels.split_off(pixel.min(pixels.len()))),
+            Self::Open(pixels) => Self::Open(pixels.split_off(pixel.min(pixels.len()))),
+        }
+    }
+
+    fn append(&mut self, below: Self) {
+        match (self, below) {
+            (Self::Whole(pixels), Self::Whole(below)) => pixels.extend(below),
+            (Self::Open(pixels), Self::Open(below)) => pixels.extend(below),
+            _ => unreachable!("runs of the same samples are of one kind"),
+        }
+    }
+
+    fn whole(self) -> Vec<PixelSums> {
+        match self {
+            Self::Whole(pixels) => pixels,
+            Self::Open(pixels) => {
+                parallel::map_parts(&pixels, PART, &|_, part| part.iter().map(PixelSums::of).collect::<Vec<_>>())
+                    .concat()
+            }
+        }
+    }
+}
+
+/// A run of blocks, whose length is a power of two and whose first block is a multiple of that; or the begun part of one
+/// block.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// Number of the first block.
+    pub first: u32,
+    /// Blocks, at least 1.
+    pub blocks: u32,
+    /// Samples of each pixel: those of all blocks, or fewer where the run is one block that is not full.
+    pub samples: u32,
+    /// Sums of the pixels.
+    pub sums: Sums,
+}
+
+impl Run {
+    fn span(&self) -> (u32, u32, u32) {
+        (self.first, self.blocks, self.samples)
+    }
+
+    fn end(&self) -> u32 {
+        self.first + self.blocks
+    }
+
+    /// Whether the next run is the other half of the aligned run that this one begins.
+    fn is_half_with(&self, next: &Self) -> bool {
+        let whole = |run: &Self| matches!(run.sums, Sums::Whole(_));
+        let aligned =
+            self.blocks == next.blocks && self.end() == next.first && self.first.is_multiple_of(2 * self.blocks);
+        aligned && whole(self) && whole(next)
+    }
+}
+
+/// Rows of the image, one under the other, whose pixels have the same samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Strip {
+    /// Number of the first row, from the top.
+    pub first_row: u32,
+    /// Rows, at least 1.
+    pub rows: u32,
+    /// What there is of them, by the number of the first block.
+    pub runs: Vec<Run>,
+}
+
+impl Strip {
+    /// The rows, as numbers from the top.
+    pub fn range(&self) -> Range<u32> {
+        self.first_row..self.first_row + self.rows
+    }
+
+    /// Samples of each pixel.
+    pub fn samples(&self) -> u64 {
+        self.runs.iter().map(|run| u64::from(run.samples)).sum()
+    }
+
+    /// Whether the sums were handed on by [`Film::take`], so that only what samples they had is known.
+    pub fn is_taken(&self) -> bool {
+        self.runs.iter().any(|run| run.sums.pixels() == 0)
+    }
+
+    /// Adds a run, and joins what has become an aligned run.
+    ///
+    /// A block that is not full yields to one that has more of it.
+    fn insert(&mut self, run: Run, block_samples: u32) -> Result<(), Range<u32>> {
+        let full = run.blocks * block_samples == run.samples;
+        let run = if full { Run { sums: Sums::Whole(run.sums.whole()), ..run } } else { run };
+        let taken = |other: &Run| other.first < run.end() && run.first < other.end();
+        if let Some(place) = self.runs.iter().position(taken) {
+            let other = &self.runs[place];
+            let is_open = |run: &Run| matches!(run.sums, Sums::Open(_));
+            match (is_open(&run), is_open(other)) {
+                (true, false) => return Ok(()),
+                (true, true) if run.samples <= other.samples => return Ok(()),
+                (_, true) => {}
+                (false, false) => return Err(run.first.max(other.first)..run.end().min(other.end())),
+            }
+            self.runs.remove(place);
+            return self.insert(run, block_samples);
+        }
+        let mut place = self.runs.partition_point(|other| other.first < run.first);
+        self.runs.insert(place, run);
+        loop {
+            // The later half is added to the earlier one, whichever came first.
+            place = if place + 1 < self.runs.len() && self.runs[place].is_half_with(&self.runs[place + 1]) {
+                place
+            } else if place > 0 && self.runs[place - 1].is_half_with(&self.runs[place]) {
+                place - 1
+            } else {
+                return Ok(());
+            };
+            let later = self.runs.remove(place + 1);
+            let run = &mut self.runs[place];
+            (run.blocks, run.samples) = (run.blocks + later.blocks, run.samples + later.samples);
+            let (Sums::Whole(sums), Sums::Whole(later)) = (&mut run.sums, &later.sums) else {
+                unreachable!("both are")
+            };
+            sums.par_iter_mut().zip(later).with_min_len(PART).for_each(|(sums, later)| sums.add(later));
+        }
+    }
+}
+
+/// The film of an image: what there is of its rows, by blocks of samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Film {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Samples of a block, a power of two.
+    pub block_samples: u32,
+    /// Kernel radiance per unit of the scene's radiance.
+    pub radiance_scale: f64,
+    /// All rows, from the top.
+    strips: Vec<Strip>,
+}
+
+/// Samples that a pixel is to have: a part of a block.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Missing {
+    /// Number of the block.
+    pub block: u32,
+    /// Numbers of the first sample that is missing and of the one after the last, among all of the pixel.
+    pub from: u32,
+    /// As above.
+    pub to: u32,
+}
+
+/// Two films that have a block in common, or that are of other sizes.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MergeError {
+    /// Added up, its samples would count twice.
+    #[error("both have {}", block_range(.0))]
+    Overlap(Range<u32>),
+    /// They are not parts of one image.
+    #[error("they differ in size, in the samples of a block or in the units of radiance")]
+    Differ,
+}
+
+/// "block 3" or "blocks 3-7".
+pub fn block_range(blocks: &Range<u32>) -> String {
+    match blocks.len() {
+        1 => format!("block {}", blocks.start),
+        _ => format!("blocks {}-{}", blocks.start, blocks.end - 1),
+    }
+}
+
+impl Film {
+    /// A film without samples.
+    ///
+    /// # Panics
+    /// When `block_samples` is no power of two.
+    pub fn new(width: u32, height: u32, block_samples: u32, radiance_scale: f64) -> Self {
+        assert!(block_samples.is_power_of_two(), "a block of {block_samples} samples cannot be halved");
+        let strips = vec![Strip { first_row: 0, rows: height, runs: Vec::new() }];
+        Self { width, height, block_samples, radiance_scale, strips }
+    }
+
+    /// A film of these strips, which a file tells.
+    pub(super) fn of_strips(
+        width: u32,
+        height: u32,
+        block_samples: u32,
+        radiance_scale: f64,
+        strips: Vec<Strip>,
+    ) -> Self {
+        Self { width, height, block_samples, radiance_scale, strips }
+    }
+
+    /// All rows, from the top, by what there is of them.
+    pub fn strips(&self) -> &[Strip] {
+        &self.strips
+    }
+
+    /// Samples over all pixels.
+    pub fn sample_count(&self) -> u64 {
+        self.strips.iter().map(|strip| strip.samples() * u64::from(strip.rows) * u64::from(self.width)).sum()
+    }
+
+    /// Most samples that a pixel has.
+    pub fn most_samples(&self) -> u64 {
+        self.strips.iter().map(Strip::samples).max().unwrap_or(0)
+    }
+
+    /// Samples of `wanted` that all pixels have together.
+    pub fn samples_of(&self, wanted: &Range<u32>) -> u64 {
+        let within = |run: &Run| {
+            let first = u64::from(run.first) * u64::from(self.block_samples);
+            let end = (first + u64::from(run.samples)).min(wanted.end.into());
+            end.saturating_sub(first.max(wanted.start.into()))
+        };
+        let of =
+            |strip: &Strip| strip.runs.iter().map(within).sum::<u64>() * u64::from(strip.rows) * u64::from(self.width);
+        self.strips.iter().map(of).sum()
+    }
+
+    /// The rows that begin at a row and have the same samples: at most so many, and the others remain for later. `None`
+    /// below the last row.
+    pub fn rows_from(&mut self, first_row: u32, most: u32) -> Option<Range<u32>> {
+        if most == 0 {
+            return None;
+        }
+        self.cut(first_row);
+        self.cut(first_row.saturating_add(most));
+        self.strips.iter().find(|strip| strip.first_row == first_row).map(Strip::range)
+    }
+
+    fn strip(&mut self, first_row: u32) -> &mut Strip {
+        let place = self.strips.binary_search_by_key(&first_row, |strip| strip.first_row);
+        &mut self.strips[place.expect("a strip begins there")]
+    }
+
+    /// The first samples out of `wanted`, whose first one begins a block, that the rows from `first_row` on lack.
+    pub fn missing(&self, first_row: u32, wanted: &Range<u32>) -> Option<Missing> {
+        let place = self.strips.partition_point(|strip| strip.first_row <= first_row) - 1;
+        let size = self.block_samples;
+        let mut block = wanted.start / size;
+        for run in &self.strips[place].runs {
+            if run.end() <= block {
+                continue;
+            }
+            if run.first > block {
+                break;
+            }
+            let end = run.first * size + run.samples;
+            if run.samples < run.blocks * size {
+                return (end < wanted.end).then(|| Missing {
+                    block,
+                    from: end,
+                    to: wanted.end.min((block + 1) * size),
+                });
+            }
+            block = run.end();
+        }
+        let from = block.checked_mul(size).filter(|from| *from < wanted.end)?;
+        Some(Missing { block, from, to: from.saturating_add(size).min(wanted.end) })
+    }
+
+    /// What there is of a begun block in the rows from `first_row` on, as the device had it; empty where it was not begun.
+    pub fn begun(&self, first_row: u32, block: u32) -> &[FilmPixel] {
+        let place = self.strips.partition_point(|strip| strip.first_row <= first_row) - 1;
+        let run = self.strips[place].runs.iter().find(|run| run.first == block);
+        match run.map(|run| &run.sums) {
+            Some(Sums::Open(pixels)) => pixels,
+            _ => &[],
+        }
+    }
+
+    /// Puts what the device has of a block in place of what was there: rows of equal samples of the block, one under the
+    /// other from `first_row` on.
+    ///
+    /// # Panics
+    /// When it has less of the block than the film.
+    pub fn put(&mut self, first_row: u32, block: u32, bands: &[(u32, u32)], pixels: Vec<FilmPixel>) {
+        let rows: u32 = bands.iter().map(|(rows, _)| rows).sum();
+        self.cut(first_row);
+        self.cut(first_row + rows);
+        for strip in &mut self.strips {
+            if strip.first_row >= first_row && strip.first_row < first_row + rows {
+                strip.runs.retain(|run| (run.first, run.blocks) != (block, 1) || matches!(run.sums, Sums::Whole(_)));
+            }
+        }
+        self.join();
+        let mut rest = pixels;
+        let mut row = first_row;
+        for &(rows, samples) in bands {
+            let below = rest.split_off((rows as usize * self.width as usize).min(rest.len()));
+            let sums = Sums::Open(std::mem::replace(&mut rest, below));
+            self.cut(row);
+            self.cut(row + rows);
+            if samples > 0 {
+                let size = self.block_samples;
+                let run = Run { first: block, blocks: 1, samples, sums };
+                let inserted = self.strip(row).insert(run, size);
+                inserted.expect("the device takes what is missing");
+            }
+            row += rows;
+        }
+        self.join();
+    }
+
+    /// Takes the sums of the rows from `first_row` on out of the film, which keeps what samples they had.
+    pub fn take(&mut self, first_row: u32) -> FilmMoments {
+        let moments = self.moments(first_row);
+        for run in &mut self.strip(first_row).runs {
+            run.sums = match run.sums {
+                Sums::Whole(_) => Sums::Whole(Vec::new()),
+                Sums::Open(_) => Sums::Open(Vec::new()),
+            };
+        }
+        moments
+    }
+
+    /// The moments of the rows from `first_row` on that have the same samples.
+    pub fn moments(&self, first_row: u32) -> FilmMoments {
+        let place = self.strips.binary_search_by_key(&first_row, |strip| strip.first_row);
+        let strip = &self.strips[place.expect("a strip begins there")];
+        let count = strip.rows as usize * self.width as usize;
+        let scale = self.radiance_scale;
+        let total = |pixel: usize| {
+            let sums = strip.runs.iter().map(|run| match &run.sums {
+                Sums::Whole(pixels) => pixels[pixel],
+                Sums::Open(pixels) => PixelSums::of(&pixels[pixel]),
+            });
+            sums.reduce(|mut sums, later| {
+                sums.add(&later);
+                sums
+            })
+            .unwrap_or(PixelSums::zeroed())
+        };
+        let parts: Vec<[Vec<DVec3>; 2]> = parallel::map(count.div_ceil(PART), &|part| {
+            let sums = (part * PART..count.min((part + 1) * PART)).map(total);
+            let (sum, squares) = sums
+                .map(|total| (DVec3::from_array(total.sum) / scale, DVec3::from_array(total.squares) / (scale * scale)))
+                .unzip();
+            [sum, squares]
+        });
+        let mut moments = FilmMoments {
+            width: self.width,
+            height: strip.rows,
+            samples: strip.samples(),
+            sum: Vec::with_capacity(count),
+            sum_of_squares: Vec::with_capacity(count),
+        };
+        for [sum, squares] in parts {
+            moments.sum.extend(sum);
+            moments.sum_of_squares.extend(squares);
+        }
+        moments
+    }
+
+    /// Adds the samples of another part of the same render.
+    ///
+    /// # Errors
+    /// Where both have a block, or they are no parts of one image. The film is then of no use.
+    pub fn merge(&mut self, part: Self) -> Result<(), MergeError> {
+        let shape = |film: &Self| (film.width, film.height, film.block_samples, film.radiance_scale.to_bits());
+        if shape(self) != shape(&part) {
+            return Err(MergeError::Differ);
+        }
+        let mut part = part;
+        let rows: Vec<u32> = self.strips.iter().chain(&part.strips).map(|strip| strip.first_row).collect();
+        for row in rows {
+            self.cut(row);
+            part.cut(row);
+        }
+        let size = self.block_samples;
+        for (strip, other) in self.strips.iter_mut().zip(part.strips) {
+            for run in other.runs {
+                strip.insert(run, size).map_err(MergeError::Overlap)?;
+            }
+        }
+        self.join();
+        Ok(())
+    }
+
+    /// The blocks of so many samples of each pixel that some rows lack, or have a part of alone, as ranges.
+    pub fn gaps(&self, samples: u32) -> Vec<Range<u32>> {
+        let (size, end) = (self.block_samples, samples.div_ceil(self.block_samples));
+        let mut gaps: Vec<Range<u32>> = Vec::new();
+        for strip in &self.strips {
+            let is_enough =
+                |run: &&Run| run.samples >= (run.blocks * size).min(samples.saturating_sub(run.first * size));
+            let mut next = 0;
+            for run in strip.runs.iter().filter(is_enough) {
+                gaps.push(next..run.first.min(end));
+                next = run.end();
+            }
+            gaps.push(next..end);
+        }
+        gaps.retain(|gap| !gap.is_empty());
+        gaps.sort_unstable_by_key(|gap| (gap.start, gap.end));
+        gaps.dedup_by(|later, earlier| {
+            let meets = later.start <= earlier.end;
+            if meets {
+                earlier.end = earlier.end.max(later.end);
+            }
+            meets
+        });
+        gaps
+    }
+
+    /// Makes a strip begin at a row.
+    fn cut(&mut self, row: u32) {
+        let place = self.strips.partition_point(|strip| strip.first_row < row);
+        let Some(above) = place.checked_sub(1).map(|above| &mut self.strips[above]) else { return };
+        if row >= above.first_row + above.rows {
+            return;
+        }
+        let rows = row - above.first_row;
+        let pixel = rows as usize * self.width as usize;
+        let below = |run: &mut Run| {
+            let (first, blocks, samples) = run.span();
+            Run { first, blocks, samples, sums: run.sums.split_off(pixel) }
+        };
+        let runs = above.runs.iter_mut().map(below).collect();
+        let strip = Strip { first_row: row, rows: above.rows - rows, runs };
+        above.rows = rows;
+        self.strips.insert(place, strip);
+    }
+
+    /// Joins rows that have the same samples, which [`Film::rows_from`] may have parted.
+    pub fn join(&mut self) {
+        let mut joined: Vec<Strip> = Vec::with_capacity(self.strips.len());
+        for strip in std::mem::take(&mut self.strips) {
+            match joined.last_mut() {
+                Some(above) if is_same(above, &strip) => {
+                    above.rows += strip.rows;
+                    for (run, below) in above.runs.iter_mut().zip(strip.runs) {
+                        run.sums.append(below.sums);
+                    }
+                }
+                _ => joined.push(strip),
+            }
+        }
+        self.strips = joined;
+    }
+}
+
+/// Whether rows have the same samples, and the sums of either are here or are not.
+fn is_same(above: &Strip, below: &Strip) -> bool {
+    let spans = |strip: &Strip| strip.runs.iter().map(Run::span).collect::<Vec<_>>();
+    spans(above) == spans(below) && above.is_taken() == below.is_taken()
+}
