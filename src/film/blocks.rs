@@ -13,7 +13,8 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::FilmMoments;
+use super::{FilmMoments, ImageMean, MeanSum};
+use crate::image::Image;
 use crate::layout::FilmPixel;
 use crate::parallel;
 
@@ -422,6 +423,20 @@ impl Film {
             moments.sum_of_squares.extend(squares);
         }
         moments
+    }
+
+    /// The image: the mean of every pixel, NaN where it has no sample.
+    pub fn image(&self) -> Image {
+        let pixels = self.strips.iter().flat_map(|strip| self.moments(strip.first_row).mean().pixels);
+        Image::new(self.width, self.height, pixels.collect())
+    }
+
+    /// The mean of the whole image, over the rows that have samples, and how well it is known.
+    pub fn mean(&self) -> ImageMean {
+        let mut mean = MeanSum::default();
+        let lit = self.strips.iter().filter(|strip| strip.samples() > 0);
+        lit.for_each(|strip| mean.add(&self.moments(strip.first_row)));
+        mean.mean()
     }
 
     /// Adds the samples of another part of the same render.

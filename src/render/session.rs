@@ -647,8 +647,8 @@ impl Session {
         self.executor.run_seen(&recording, |_, _, part| show(bytemuck::cast_slice(part)))
     }
 
-    /// What a render has cost before it begins.
-    fn nothing(&self) -> Statistics {
+    /// What a render has cost before it begins, with the choices that it will take.
+    pub fn nothing(&self) -> Statistics {
         Statistics {
             samples: 0,
             rows: 0,

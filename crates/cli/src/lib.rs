@@ -9,7 +9,10 @@ mod convert;
 mod devices;
 pub mod diff;
 mod dump_rays;
+mod film;
+mod image;
 mod info;
+mod merge;
 pub mod picture;
 mod render;
 mod replay;
@@ -49,7 +52,9 @@ enum Command {
     Render(render::RenderArguments),
     /// List the Vulkan devices and the one that a render would take
     Devices(devices::DevicesArguments),
+    Image(image::ImageArguments),
     Info(info::InfoArguments),
+    Merge(merge::MergeArguments),
     Convert(convert::ConvertArguments),
     Diff(diff::DiffArguments),
     Compare(Box<compare::CompareArguments>),
@@ -96,7 +101,9 @@ pub fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Render(arguments) => render::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
+        Command::Image(arguments) => image::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
+        Command::Merge(arguments) => merge::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments, |arguments| {

@@ -14,7 +14,7 @@ use serde_json::{Map, Value, json};
 use raywave::clocks::{self, ClockState};
 use raywave::facts::{self, Facts};
 use raywave::film::{FilmMoments, ImageMean, MeanSum};
-use raywave::gpu::{DeviceDescription, GpuError, Tools};
+use raywave::gpu::{Device, DeviceDescription, GpuError, Tools};
 use raywave::image::{Image, WriteOptions, check_output, write_image};
 use raywave::render::{
     Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Session, SessionOptions,
@@ -24,9 +24,10 @@ use raywave::scene::Scene;
 use raywave::settings::{SETTINGS, Settings};
 use raywave::trace::Stages;
 use raywave_studies::export::plain;
-use raywave_studies::lab::{self, Tuning, tuning};
+use raywave_studies::lab::{self, AboutFilm, Tuning, tuning};
 use raywave_studies::studies::CompiledKernelRow;
 
+use super::film::{Blocks, FilmOnDisk, block_numbers};
 use super::picture::PictureArguments;
 use super::tradeoff::duration;
 use super::{
@@ -39,8 +40,20 @@ pub struct RenderArguments {
     /// Scene (.toml, .gltf, .glb, Mitsuba's .xml) or mesh (.obj, .ply); the built-in Cornell box without
     scene: Option<PathBuf>,
     /// Image to write: .png (sRGB), .exr (linear, with metadata) or .hdr (linear)
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    #[arg(short, long, value_name = "FILE", required_unless_present = "film")]
+    output: Option<PathBuf>,
+    /// Film to keep: all sums, with which the render can go on, or be put together with its other parts
+    #[arg(long, value_name = "FILE")]
+    film: Option<PathBuf>,
+    /// Go on from the film if it is there
+    #[arg(long, requires = "film")]
+    resume: bool,
+    /// Time between two saves of the film; each takes up to a hundredth of the render (60s)
+    #[arg(long, value_name = "TIME", value_parser = duration, requires = "film")]
+    save_every: Option<f64>,
+    /// Render these blocks of samples alone, counted from 0, as a part of the image: 4-7, or 4
+    #[arg(long, value_name = "FIRST-LAST", value_parser = block_numbers, requires = "film")]
+    blocks: Option<Blocks>,
     #[command(flatten)]
     picture: PictureArguments,
     /// Exposure of a PNG in stops: radiance is multiplied by 2^STOPS
@@ -72,11 +85,18 @@ const EVEN_WITHIN: Duration = Duration::from_millis(250);
 
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let begun = Instant::now();
-    check_output(&arguments.output)?;
-    let outputs = [("--stats", &arguments.stats), ("--trace", &arguments.trace)];
-    let mut named = vec![("--output", &arguments.output)];
+    let outputs = [
+        ("--output", &arguments.output),
+        ("--film", &arguments.film),
+        ("--stats", &arguments.stats),
+        ("--trace", &arguments.trace),
+    ];
+    let mut named: Vec<(&str, &PathBuf)> = Vec::new();
     for (flag, path) in outputs.into_iter().filter_map(|(flag, path)| Some((flag, path.as_ref()?))) {
-        check_text_output(path)?;
+        match flag {
+            "--output" => check_output(path)?,
+            _ => check_text_output(path)?,
+        }
         for (other, taken) in &named {
             ensure!(!is_same_file(path, taken)?, "{}: {flag} and {other} name the same file", path.display());
         }
@@ -88,7 +108,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let loading = stages.begin("load scene");
     let scene = load_scene(arguments.scene.as_deref(), &arguments.picture.load.options(), arguments.quiet)?;
     drop(loading);
-    let settings = arguments.picture.settings(&scene)?;
+    let mut settings = arguments.picture.settings(&scene)?;
+    let mut film = arguments.film.as_deref().map(|path| FilmOnDisk::open(path, arguments, &mut settings)).transpose()?;
     let mut device = open_device_with(arguments.picture.device(), tools.clone())?;
     let measuring = stages.begin("measure device");
     let mut defaults = Defaults::of(&device)?;
@@ -99,7 +120,17 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     }
     let prepared = PreparedScene::in_stages(&scene, &settings, &defaults, &stages)?;
     let options = SessionOptions { tuned: defaults.tuned, ..SessionOptions::default() };
-    let session = Session::with_options(&device, &prepared, &settings, options)?;
+    let start = |device: &Device| -> anyhow::Result<Session> {
+        let mut session = Session::with_options(device, &prepared, &settings, options)?;
+        if let Some(Blocks(blocks)) = &arguments.blocks {
+            session.take_blocks(blocks.clone());
+        }
+        Ok(session)
+    };
+    let session = start(&device)?;
+    if let Some(film) = &film {
+        film.check(&AboutFilm::new(&scene, &settings, device.description(), &session.nothing()))?;
+    }
     let compiled = match &arguments.stats {
         Some(_) => {
             let _stage = stages.begin("describe kernels");
@@ -113,28 +144,41 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let interrupted = stop_on_interrupt("writing the samples that are done; Ctrl-C again gives them up")?;
     let mut interrupted_at = None;
     let bar = progress_bar(arguments.quiet, settings.samples);
-    let mut progress = |progress: &Progress| {
+    let description = device.description().clone();
+    let about = |statistics: &Statistics| AboutFilm::new(&scene, &settings, &description, statistics);
+    let mut progress = |progress: &Progress<'_>| {
         show(&bar, progress);
+        if let (Some(film), Some(kept)) = (&mut film, progress.looked) {
+            film.save_if_due(kept, about);
+        }
         if !interrupted.load(Ordering::Relaxed) {
             return ControlFlow::Continue(());
         }
         let waited = interrupted_at.get_or_insert_with(Instant::now).elapsed();
         ControlFlow::Break(if waited < EVEN_WITHIN { Ending::Even } else { Ending::Now })
     };
-    // Of a tile that is done the mean is kept, an eighth of its film.
-    let mut pixels = room_for_pixels(&settings)?;
-    let mut mean = MeanSum::default();
-    let mut finished = |rows: FilmMoments| {
-        pixels.extend(rows.mean().pixels);
-        mean.add(&rows);
+    let mut picture = Picture::new(&settings)?;
+    let every = arguments.keep_every.map_or(Kept::EVERY, Duration::from_secs_f64);
+    let mut kept = match &mut film {
+        Some(film) => film.begin(Kept::every(every.min(film.save_every()))),
+        None => Kept::every(every),
     };
-    let mut kept = Kept::every(arguments.keep_every.map_or(Kept::EVERY, Duration::from_secs_f64));
     let clocks = clocks::of_device(device.description().uuid);
     let state = || clocks.as_ref().map(|clocks| clocks.state());
     let clocks_before = state();
     let mut traces = Vec::new();
     let most_passes = arguments.trace.is_some().then_some(trace::MOST_PASSES);
-    let mut rendered = go_on(session, most_passes, &mut traces, &mut kept, &mut progress, &mut finished);
+    let keeps_film = arguments.film.is_some();
+    let mut go_on = |mut session: Session, kept: &mut Kept| -> anyhow::Result<Statistics> {
+        most_passes.map_or(Ok(()), |most| session.keep_trace(most))?;
+        let rendered = match keeps_film {
+            true => session.go_on(kept, &mut progress),
+            false => session.go_on_by_tiles(kept, &mut progress, |rows| picture.add(rows)),
+        };
+        traces.extend(session.take_trace());
+        Ok(rendered?)
+    };
+    let mut rendered = go_on(session, &mut kept);
     let lost = rendered.as_ref().err().filter(|error| is_lost_device(error)).map(|error| format!("{error:#}"));
     if let Some(lost) = lost {
         let count = HumanCount(kept.sample_count());
@@ -143,24 +187,30 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
             let name = again.description().cache_name();
             ensure!(name == device.description().cache_name(), "{lost}; it did not come back");
             device = again;
-            let session = Session::with_options(&device, &prepared, &settings, options)?;
+            let session = start(&device)?;
             losses.next().into_iter().for_each(|&submissions| device.lose_after(submissions));
-            go_on(session, most_passes, &mut traces, &mut kept, &mut progress, &mut finished)
+            go_on(session, &mut kept)
         });
     }
     let clocks_after = state();
     bar.finish_and_clear();
-    let (statistics, failure) = match rendered {
-        Ok(statistics) => (statistics, None),
-        // The image is worth more than what ended it early.
-        Err(error) => match kept.end(&mut finished) {
-            Some(statistics) => (statistics, Some(error)),
-            None => return Err(error),
-        },
+    // The image is worth more than what ended it early.
+    let (statistics, failure) = match (rendered, kept.statistics()) {
+        (Ok(statistics), _) => (statistics, None),
+        (Err(error), Some(statistics)) if statistics.rows > 0 => (statistics.clone(), Some(error)),
+        (Err(error), _) => return Err(error),
     };
-    // Nothing is known of rows that a broken-off render has not come to.
-    pixels.resize(settings.width as usize * settings.height as usize, Vec3::NAN);
-    let image = Image::new(settings.width, settings.height, pixels);
+    let (image, mean) = match &mut film {
+        Some(film) => {
+            let kept = kept.film().expect("it has rendered");
+            film.save(kept, about(&statistics))?;
+            (kept.image(), kept.mean())
+        }
+        None => {
+            kept.end(|rows| picture.add(rows));
+            picture.end(&settings)
+        }
+    };
 
     // Here too: it is written even if the device fails now.
     let faults = match failure {
@@ -180,7 +230,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         clocks: [clocks_before, clocks_after],
     };
     let writing = stages.begin("write files");
-    write(arguments, &report, &image, &statistics, &mean.mean())?;
+    write(arguments, &report, &image, &statistics, &mean)?;
     drop(writing);
     if let Some(path) = &arguments.trace {
         trace::write(path, begun, &stages.ended(), &device.description().name, &traces)?;
@@ -191,22 +241,6 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     }
     faults?;
     Ok(())
-}
-
-/// Renders as [`Session::go_on`] says, and adds what the device did to the trace if that many passes of it are wanted. The
-/// session ends with it.
-fn go_on(
-    mut session: Session,
-    most_passes: Option<usize>,
-    traces: &mut Vec<DeviceTrace>,
-    kept: &mut Kept,
-    progress: impl FnMut(&Progress) -> ControlFlow<Ending>,
-    finished: impl FnMut(FilmMoments),
-) -> anyhow::Result<Statistics> {
-    most_passes.map_or(Ok(()), |most| session.keep_trace(most))?;
-    let rendered = session.go_on_by_tiles(kept, progress, finished);
-    traces.extend(session.take_trace());
-    Ok(rendered?)
 }
 
 fn warn_of_dropped(traces: &[DeviceTrace]) {
@@ -224,16 +258,35 @@ fn is_lost_device(error: &anyhow::Error) -> bool {
     matches!(lost, Some(RenderError::Gpu(GpuError::DeviceLost { .. })))
 }
 
-/// Room for all pixels, so that a large image fails before the work and not after it.
-fn room_for_pixels(settings: &Settings) -> anyhow::Result<Vec<Vec3>> {
-    let Settings { width, height, .. } = *settings;
-    let count = width as usize * height as usize;
-    let mut pixels = Vec::new();
-    pixels.try_reserve_exact(count).with_context(|| {
-        let needed = count * size_of::<Vec3>();
-        format!("an image of {width}x{height} needs {needed} bytes of memory; use a smaller --width or --height")
-    })?;
-    Ok(pixels)
+/// The image of a render that keeps no film: of a tile that is done it has the mean, a quarter of the sums.
+struct Picture {
+    pixels: Vec<Vec3>,
+    mean: MeanSum,
+}
+
+impl Picture {
+    /// Room for all pixels, so that a large image fails before the work and not after it.
+    fn new(settings: &Settings) -> anyhow::Result<Self> {
+        let Settings { width, height, .. } = *settings;
+        let count = width as usize * height as usize;
+        let mut pixels = Vec::new();
+        pixels.try_reserve_exact(count).with_context(|| {
+            let needed = count * size_of::<Vec3>();
+            format!("an image of {width}x{height} needs {needed} bytes of memory; use a smaller --width or --height")
+        })?;
+        Ok(Self { pixels, mean: MeanSum::default() })
+    }
+
+    fn add(&mut self, rows: FilmMoments) {
+        self.pixels.extend(rows.mean().pixels);
+        self.mean.add(&rows);
+    }
+
+    /// Nothing is known of rows that a broken-off render has not come to.
+    fn end(mut self, settings: &Settings) -> (Image, ImageMean) {
+        self.pixels.resize(settings.width as usize * settings.height as usize, Vec3::NAN);
+        (Image::new(settings.width, settings.height, self.pixels), self.mean.mean())
+    }
 }
 
 /// Whether two paths whose folders exist name one file, however they are spelled.
@@ -342,18 +395,29 @@ fn write(
     statistics: &Statistics,
     mean: &ImageMean,
 ) -> anyhow::Result<()> {
-    let mut settings = report.settings(statistics);
-    settings.insert("pixels_blake3".to_owned(), report.digest.clone().into());
-    let metadata: Vec<(String, String)> =
-        settings.into_iter().map(|(key, value)| (format!("raywave.{key}"), plain(&value))).collect();
-    let options = WriteOptions { exposure: arguments.exposure, metadata: &metadata };
-    write_image(&arguments.output, image, &options)?;
+    if let Some(path) = &arguments.output {
+        write_with_record(path, image, &report.digest, report.settings(statistics), arguments.exposure)?;
+    }
     if let Some(path) = &arguments.stats {
         let text =
             serde_json::to_string_pretty(&report.statistics(statistics, mean)).context("statistics become JSON")?;
         write_text(path, &(text + "\n"))?;
     }
     Ok(())
+}
+
+/// Writes an image with the record of its render in its metadata.
+pub fn write_with_record(
+    path: &Path,
+    image: &Image,
+    digest: &str,
+    mut record: Map<String, Value>,
+    exposure: f32,
+) -> anyhow::Result<()> {
+    record.insert("pixels_blake3".to_owned(), digest.into());
+    let metadata: Vec<(String, String)> =
+        record.into_iter().map(|(key, value)| (format!("raywave.{key}"), plain(&value))).collect();
+    Ok(write_image(path, image, &WriteOptions { exposure, metadata: &metadata })?)
 }
 
 fn fault_record(fault: &Fault) -> Value {
@@ -403,7 +467,7 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
     };
     eprintln!(
         "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s, pixels {}{tuned}",
-        arguments.output.display(),
+        arguments.output.as_ref().or(arguments.film.as_ref()).expect("one of them is named").display(),
         settings.width,
         settings.height,
         statistics.samples,

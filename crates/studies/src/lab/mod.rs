@@ -2,6 +2,7 @@
 //!
 //! A library: it prints nothing. What is worth a word and keeps nothing from going on goes to a `warn` of whoever asks.
 
+mod film;
 mod host;
 mod kernels;
 mod record;
@@ -11,6 +12,7 @@ mod start_up;
 mod tune;
 pub mod tuning;
 
+pub use film::{AboutFilm, Counters, OtherRender};
 pub use host::{cache_folder, sign};
 pub use kernels::compiled_kernels;
 pub use record::{record, samples_by_rows, settings_record};

@@ -11,6 +11,7 @@ use raywave::settings::{self, Settings};
 pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<String, Value> {
     let resolved = Settings {
         samples: statistics.samples,
+        block_samples: Some(settings.block_samples()),
         in_flight: Some(statistics.paths_in_flight),
         paths_per_invocation: Some(statistics.paths_per_invocation),
         ..statistics.choices.settle(settings)
@@ -28,7 +29,12 @@ pub fn settings_record(settings: &Settings, statistics: &Statistics) -> Map<Stri
 
 /// Rows from the top by the samples of their pixels, as "540x8 540x4".
 pub fn samples_by_rows(statistics: &Statistics) -> String {
-    let bands: Vec<_> = statistics.bands.iter().map(|band| format!("{}x{}", band.rows, band.samples)).collect();
+    samples_of_rows(statistics.bands.iter().map(|band| (band.rows, band.samples.into())))
+}
+
+/// The same of numbers of rows and of their samples.
+pub(super) fn samples_of_rows(bands: impl IntoIterator<Item = (u32, u64)>) -> String {
+    let bands: Vec<_> = bands.into_iter().map(|(rows, samples)| format!("{rows}x{samples}")).collect();
     bands.join(" ")
 }
 

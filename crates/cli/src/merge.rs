@@ -1,0 +1,82 @@
+//! `raywave merge`.
+
+use std::path::PathBuf;
+
+use anyhow::{bail, ensure};
+
+use raywave::film::{Film, FilmLock, block_range, MergeError, write_film};
+use raywave::image::check_output;
+use raywave_studies::lab::AboutFilm;
+
+use super::film::{in_words, is_film, lacking, read};
+use super::render::write_with_record;
+use super::{check_text_output, tell};
+
+/// Put parts of a render together: to the bits that one render of all would have
+#[derive(Debug, clap::Args)]
+pub struct MergeArguments {
+    /// Films of the parts
+    #[arg(required = true, value_name = "PART")]
+    parts: Vec<PathBuf>,
+    /// Image or film to write, by its ending: .png, .exr or .hdr, or .film
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Write what there is, even if blocks are missing
+    #[arg(long)]
+    partial: bool,
+    /// Exposure of a PNG in stops: radiance is multiplied by 2^STOPS
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    exposure: f32,
+    /// No summary
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+pub fn run(arguments: &MergeArguments) -> anyhow::Result<()> {
+    let output = &arguments.output;
+    let to_film = is_film(output);
+    if to_film { check_text_output(output)? } else { check_output(output)? }
+    ensure!(arguments.exposure.is_finite(), "--exposure {} is not a number of stops", arguments.exposure);
+    // What another process renders into is not replaced.
+    let _lock = if to_film { Some(FilmLock::new(output)?) } else { None };
+    let mut whole: Option<(Film, AboutFilm, &PathBuf)> = None;
+    for path in &arguments.parts {
+        let (part, about) = read(path)?;
+        whole = Some(match whole {
+            None => (part, about, path),
+            Some((mut film, ours, first)) => {
+                if let Err(other) = ours.check_same_render(&about) {
+                    bail!("{} and {}: they are of different renders: {other}", first.display(), path.display());
+                }
+                match film.merge(part) {
+                    Ok(()) => {}
+                    Err(MergeError::Overlap(blocks)) => bail!(
+                        "{}: {} is in the parts before it as well; leave one of them out, or render without it by --blocks",
+                        path.display(),
+                        block_range(&blocks)
+                    ),
+                    Err(MergeError::Differ) => {
+                        bail!("{} and {}: {}", first.display(), path.display(), MergeError::Differ)
+                    }
+                }
+                let counters = ours.counters.plus(&about.counters);
+                (film, AboutFilm { samples: ours.samples.max(about.samples), counters, ..ours }, first)
+            }
+        });
+    }
+    let (film, about, _) = whole.expect("there is a part at least");
+    if let Some(lacking) = lacking(&film, about.samples).filter(|_| !arguments.partial) {
+        bail!("the parts lack blocks: render {lacking} and merge again, or add --partial to write what there is");
+    }
+    if to_film {
+        write_film(output, &film, &about.to_map())?;
+    } else {
+        let image = film.image();
+        let record = about.image_record(&film);
+        write_with_record(output, &image, &image.digest(), record, arguments.exposure)?;
+    }
+    if !arguments.quiet {
+        tell!("{}: {} by {}, {}", output.display(), film.width, film.height, in_words(&film, about.samples));
+    }
+    Ok(())
+}
