@@ -2,7 +2,7 @@
 
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -15,7 +15,7 @@ use raywave::clocks::{self, ClockState};
 use raywave::facts::{self, Facts};
 use raywave::film::{FilmMoments, ImageMean, MeanSum};
 use raywave::gpu::{DeviceDescription, GpuError, Tools};
-use raywave::image::{Image, WriteOptions, check_output, write_image};
+use raywave::image::{Image, OutputFormat, WriteOptions, check_output, write_image};
 use raywave::render::{
     Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Session, SessionOptions,
     Statistics, find_faults,
@@ -23,6 +23,7 @@ use raywave::render::{
 use raywave::scene::Scene;
 use raywave::settings::{SETTINGS, Settings};
 use raywave::trace::Stages;
+use raywave::whole_file;
 use raywave_studies::export::plain;
 use raywave_studies::lab::{self, Tuning, tuning};
 use raywave_studies::studies::CompiledKernelRow;
@@ -30,7 +31,7 @@ use raywave_studies::studies::CompiledKernelRow;
 use super::picture::PictureArguments;
 use super::tradeoff::duration;
 use super::{
-    check_text_output, compiled, load_scene, open_device_with, stop_on_interrupt, trace, warn_unless, write_text,
+    check_text_output, compiled, load_scene, open_device_with, output_path, stop_on_interrupt, trace, warn_unless, write_text,
 };
 
 /// Render a scene to an image
@@ -38,19 +39,22 @@ use super::{
 pub struct RenderArguments {
     /// Scene (.toml, .gltf, .glb, Mitsuba's .xml) or mesh (.obj, .ply); the built-in Cornell box without
     scene: Option<PathBuf>,
-    /// Image to write: .png (sRGB), .exr (linear, with metadata) or .hdr (linear)
-    #[arg(short, long, value_name = "FILE")]
+    /// Image to write: .png (sRGB), .exr (linear, with metadata) or .hdr (linear); - is stdout
+    #[arg(short, long, value_name = "FILE", value_parser = output_path())]
     output: PathBuf,
+    /// Format of the image, whatever its name; EXR where it goes to stdout or another stream
+    #[arg(long)]
+    format: Option<FormatName>,
     #[command(flatten)]
     picture: PictureArguments,
     /// Exposure of a PNG in stops: radiance is multiplied by 2^STOPS
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     exposure: f32,
     /// Write what the render cost, as JSON
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     stats: Option<PathBuf>,
     /// Write what host and device did when, in Chrome's trace format, for Perfetto
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     trace: Option<PathBuf>,
     /// Name every Vulkan object and label passes and bounces, even if no layer is known that shows it
     #[arg(long)]
@@ -67,18 +71,39 @@ pub struct RenderArguments {
     quiet: bool,
 }
 
+/// A format of images.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum FormatName {
+    /// Linear, with metadata
+    Exr,
+    /// Linear, RGBE
+    Hdr,
+    /// sRGB
+    Png,
+}
+
+impl From<FormatName> for OutputFormat {
+    fn from(name: FormatName) -> Self {
+        match name {
+            FormatName::Exr => Self::Exr,
+            FormatName::Hdr => Self::Hdr,
+            FormatName::Png => Self::Png,
+        }
+    }
+}
+
 /// After Ctrl-C, time in which a render may come to equal samples in all pixels before it ends without.
 const EVEN_WITHIN: Duration = Duration::from_millis(250);
 
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let begun = Instant::now();
-    check_output(&arguments.output)?;
+    check_output(&arguments.output, arguments.format.map(Into::into))?;
     let outputs = [("--stats", &arguments.stats), ("--trace", &arguments.trace)];
     let mut named = vec![("--output", &arguments.output)];
     for (flag, path) in outputs.into_iter().filter_map(|(flag, path)| Some((flag, path.as_ref()?))) {
         check_text_output(path)?;
         for (other, taken) in &named {
-            ensure!(!is_same_file(path, taken)?, "{}: {flag} and {other} name the same file", path.display());
+            ensure!(!whole_file::is_same(path, taken)?, "{}: {flag} and {other} name the same file", path.display());
         }
         named.push((flag, path));
     }
@@ -138,7 +163,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let lost = rendered.as_ref().err().filter(|error| is_lost_device(error)).map(|error| format!("{error:#}"));
     if let Some(lost) = lost {
         let count = HumanCount(kept.sample_count());
-        eprintln!("warning: {lost}; it is opened anew, and the render goes on from {count} samples");
+        tell!("warning: {lost}; it is opened anew, and the render goes on from {count} samples");
         rendered = open_device_with(arguments.picture.device(), tools).and_then(|again| {
             let name = again.description().cache_name();
             ensure!(name == device.description().cache_name(), "{lost}; it did not come back");
@@ -212,7 +237,7 @@ fn go_on(
 fn warn_of_dropped(traces: &[DeviceTrace]) {
     let dropped: usize = traces.iter().map(DeviceTrace::dropped_passes).sum();
     if dropped > 0 {
-        eprintln!(
+        tell!(
             "warning: the trace has the first {} passes alone; {dropped} more were left out",
             HumanCount(trace::MOST_PASSES as u64)
         );
@@ -234,12 +259,6 @@ fn room_for_pixels(settings: &Settings) -> anyhow::Result<Vec<Vec3>> {
         format!("an image of {width}x{height} needs {needed} bytes of memory; use a smaller --width or --height")
     })?;
     Ok(pixels)
-}
-
-/// Whether two paths whose folders exist name one file, however they are spelled.
-pub fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
-    let folder = |path: &Path| std::path::absolute(path)?.parent().unwrap_or(path).canonicalize();
-    Ok(a.file_name() == b.file_name() && folder(a)? == folder(b)?)
 }
 
 fn progress_bar(quiet: bool, samples: u32) -> ProgressBar {
@@ -346,7 +365,8 @@ fn write(
     settings.insert("pixels_blake3".to_owned(), report.digest.clone().into());
     let metadata: Vec<(String, String)> =
         settings.into_iter().map(|(key, value)| (format!("raywave.{key}"), plain(&value))).collect();
-    let options = WriteOptions { exposure: arguments.exposure, metadata: &metadata };
+    let options = 
+        WriteOptions { exposure: arguments.exposure, metadata: &metadata, format: arguments.format.map(Into::into) };
     write_image(&arguments.output, image, &options)?;
     if let Some(path) = &arguments.stats {
         let text =
@@ -376,7 +396,7 @@ fn warn_of_faults(count: u32, faults: &[Fault]) {
     };
     let named: Vec<String> = faults.iter().take(NAMED_FAULTS).map(name).collect();
     let more = if count as usize > named.len() { ", ..." } else { "" };
-    eprintln!(
+    tell!(
         "warning: {count} samples were NaN or infinite and are left out, so their pixels are too dark: {}{more}; look for extreme \
          numbers in the materials",
         named.join(", ")
@@ -401,7 +421,7 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
     } else {
         String::new()
     };
-    eprintln!(
+    tell!(
         "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s, pixels {}{tuned}",
         arguments.output.display(),
         settings.width,
@@ -412,7 +432,7 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
         &report.digest[..NAMED_DIGITS],
     );
     for bias in SETTINGS.iter().filter_map(|setting| (setting.bias)(settings)) {
-        eprintln!("warning: the image is biased: {bias}");
+        tell!("warning: the image is biased: {bias}");
     }
     if statistics.nonfinite_samples > 0 {
         warn_of_faults(statistics.nonfinite_samples, report.faults);

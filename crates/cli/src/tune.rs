@@ -63,7 +63,7 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
         return print(&(serde_json::to_string_pretty(&report.json(file.as_deref()))? + "\n"));
     }
     if file.is_none() && !arguments.quiet {
-        eprintln!("warning: the choice is not kept: RAYWAVE_CACHE is off, or there is no folder for caches");
+        tell!("warning: the choice is not kept: RAYWAVE_CACHE is off, or there is no folder for caches");
     }
     print(&report.lines(file.as_deref()))
 }
