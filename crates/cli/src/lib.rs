@@ -337,8 +337,7 @@ fn output_path() -> impl TypedValueParser<Value = PathBuf> {
 
 /// Writes a text file whole.
 fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
-    raywave::whole_file::write_text(path, text)
-        .with_context(|| format!("{}: cannot be written", path.display()))
+    raywave::whole_file::write_text(path, text).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
 /// Bytes for people.

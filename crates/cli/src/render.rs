@@ -31,7 +31,8 @@ use raywave_studies::studies::CompiledKernelRow;
 use super::picture::PictureArguments;
 use super::tradeoff::duration;
 use super::{
-    check_text_output, compiled, load_scene, open_device_with, output_path, stop_on_interrupt, trace, warn_unless, write_text,
+    check_text_output, compiled, load_scene, open_device_with, output_path, stop_on_interrupt, trace, warn_unless,
+    write_text,
 };
 
 /// Render a scene to an image
@@ -365,7 +366,7 @@ fn write(
     settings.insert("pixels_blake3".to_owned(), report.digest.clone().into());
     let metadata: Vec<(String, String)> =
         settings.into_iter().map(|(key, value)| (format!("raywave.{key}"), plain(&value))).collect();
-    let options = 
+    let options =
         WriteOptions { exposure: arguments.exposure, metadata: &metadata, format: arguments.format.map(Into::into) };
     write_image(&arguments.output, image, &options)?;
     if let Some(path) = &arguments.stats {
