@@ -43,7 +43,7 @@ fn parse(text: &str, device: &str, driver: &str) -> Option<Facts> {
 pub fn write(file: &Path, device: &DeviceDescription, facts: &Facts) {
     let Some(text) = text(facts, &device.name, &device.driver) else { return };
     let folder = file.parent().unwrap_or(Path::new("."));
-    let _ = fs::create_dir_all(folder).and_then(|()| whole_file::write(file, |out| out.write_all(text.as_bytes())));
+    let _ = fs::create_dir_all(folder).and_then(|()| whole_file::write_text(file, &text));
 }
 
 fn text(facts: &Facts, device: &str, driver: &str) -> Option<String> {

@@ -6,7 +6,8 @@ use std::path::Path;
 
 use ::image::ImageFormat;
 
-use super::{Encoding, Image, ImageError, ImageProblem, Texels, codes, exr, format::Format, pfm, rgbe};
+use super::format::{Format, OutputFormat};
+use super::{Encoding, Image, ImageError, ImageProblem, Texels, codes, exr, pfm, rgbe};
 use crate::whole_file;
 
 /// How an image becomes a file.
@@ -18,6 +19,8 @@ pub struct WriteOptions<'a> {
     /// Ordered (key, text) pairs that an EXR carries as text attributes. Keys differ, contain a dot
     /// (`raywave.samples`), and have at most 255 bytes. PNG and HDR carry none.
     pub metadata: &'a [(String, String)],
+    /// The format, in place of the one that the file's name tells.
+    pub format: Option<OutputFormat>,
 }
 
 /// Says whether [`write_image`] could write here, to be asked before the rendering begins. Leaves
@@ -25,14 +28,14 @@ pub struct WriteOptions<'a> {
 ///
 /// # Errors
 ///
-/// An extension that is unknown, a folder that is missing or takes no new file, a path that is a
-/// folder.
-pub fn check_output(path: &Path) -> Result<(), ImageError> {
-    Format::of_output(path).map_err(|problem| problem.at(path))?;
+/// An extension that is unknown where no `format` is asked for, a folder that is missing or takes no new file, a path
+/// that is a folder, a file that is read-only.
+pub fn check_output(path: &Path, format: Option<OutputFormat>) -> Result<(), ImageError> {
+    Format::of_output(path, format).map_err(|problem| problem.at(path))?;
     whole_file::check(path).map_err(unwritable(path))
 }
 
-/// Writes an image to the format that the extension of `path` names:
+/// Writes an image in the format that is asked for or that the extension of `path` names:
 ///
 /// - `.exr`: linear `f32` RGB, ZIP compressed, with the metadata. Every bit survives.
 /// - `.hdr`: linear RGBE, mantissas rounded. Negative light and NaN become 0, infinity the largest
@@ -40,8 +43,9 @@ pub fn check_output(path: &Path) -> Result<(), ImageError> {
 /// - `.png`: 8-bit sRGB of radiance * 2^exposure, rounded. There is no tone curve: light above 1
 ///   is clamped. NaN is black.
 ///
-/// The file appears under its name complete or not at all, with the permissions of any new file;
-/// a file that stood there is replaced. The same image and options give the same bytes.
+/// The file appears under its name complete or not at all, as [`whole_file::write`] says. What is no plain file, such as
+/// a FIFO or [`whole_file::STDOUT`], is written to: as EXR, where neither options nor extension name a format. The same
+/// image and options give the same bytes.
 ///
 /// # Errors
 ///
@@ -49,7 +53,7 @@ pub fn check_output(path: &Path) -> Result<(), ImageError> {
 /// full disk.
 pub fn write_image(path: &Path, image: &Image, options: &WriteOptions) -> Result<(), ImageError> {
     let format = check_image(path, image, options)?;
-    whole_file::write_freely(path, |file| encode(file, format, image, options)).map_err(unwritable(path))
+    whole_file::write_freely(path, |mut file| encode(&mut file, format, image, options)).map_err(unwritable(path))
 }
 
 /// The bytes that [`write_image`] puts into the file.
@@ -67,7 +71,7 @@ pub fn image_bytes(path: &Path, image: &Image, options: &WriteOptions) -> Result
 /// Whether a file of that name can hold the image, and in which format.
 fn check_image(path: &Path, image: &Image, options: &WriteOptions) -> Result<Format, ImageError> {
     let check = || {
-        let format = Format::of_output(path)?;
+        let format = Format::of_output(path, options.format)?;
         let pixels = image.pixels.len();
         if pixels == 0 || pixels as u64 != u64::from(image.width) * u64::from(image.height) {
             return Err(ImageProblem::Shape { width: image.width, height: image.height, pixels });

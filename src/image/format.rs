@@ -4,6 +4,7 @@ use std::ffi::OsStr;
 use std::path::Path;
 
 use super::{ImageProblem, exr};
+use crate::whole_file;
 
 /// The format of an image file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,6 +18,27 @@ pub(super) enum Format {
     Tiff,
     Tga,
     Bmp,
+}
+
+/// The format of an image file that is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OutputFormat {
+    /// Linear `f32`, with metadata.
+    Exr,
+    /// Linear RGBE.
+    Hdr,
+    /// 8-bit sRGB.
+    Png,
+}
+
+impl From<OutputFormat> for Format {
+    fn from(format: OutputFormat) -> Self {
+        match format {
+            OutputFormat::Exr => Self::Exr,
+            OutputFormat::Hdr => Self::Hdr,
+            OutputFormat::Png => Self::Png,
+        }
+    }
 }
 
 impl Format {
@@ -41,10 +63,14 @@ impl Format {
         Self::EXTENSIONS.into_iter().find(|(name, _)| *name == extension).map(|(_, format)| format)
     }
 
-    /// The format of a file to be written.
-    pub fn of_output(path: &Path) -> Result<Self, ImageProblem> {
+    /// The format of a file to be written: the one that is asked for, or by its name, or EXR where what is written to is
+    /// no file and its name says nothing.
+    pub fn of_output(path: &Path, asked: Option<OutputFormat>) -> Result<Self, ImageProblem> {
         let is_written = |format: &Self| matches!(format, Self::Exr | Self::Png | Self::Hdr);
-        Self::of_name(path).filter(is_written).ok_or(ImageProblem::UnknownFormat { extensions: ".exr, .png or .hdr" })
+        let named = || Self::of_name(path).filter(is_written);
+        let of_stream = || whole_file::is_stream(path).then_some(Self::Exr);
+        let format = asked.map(Self::from).or_else(named).or_else(of_stream);
+        format.ok_or(ImageProblem::UnknownFormat { extensions: ".exr, .png or .hdr" })
     }
 
     /// The format of a file to be read, by its name.

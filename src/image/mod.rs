@@ -34,6 +34,7 @@ pub use error::{ImageError, ImageProblem};
 pub use files::{
     WriteOptions, check_output, decode_image, decode_texels, image_bytes, read_image, read_metadata, write_image,
 };
+pub use format::OutputFormat;
 pub use limits::MAX_PIXELS;
 pub use texels::{Encoding, Texels};
 

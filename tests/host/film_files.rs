@@ -217,7 +217,7 @@ fn exposure_leaves_linear_formats_alone() {
     let metadata = pairs(&[("raywave.samples", "4")]);
     for name in ["x.exr", "x.hdr"] {
         let bytes = |exposure| {
-            let options = WriteOptions { exposure, metadata: &metadata };
+            let options = WriteOptions { exposure, metadata: &metadata, format: None };
             image_bytes(Path::new(name), &image, &options).unwrap()
         };
         assert_eq!(bytes(0.0), bytes(3.0));
@@ -312,7 +312,7 @@ fn only_exr_is_asked_for_metadata() {
 fn the_same_image_gives_the_same_bytes() {
     // Many keys, so that an order by chance would hardly repeat; many chunks for many threads.
     let metadata: Vec<_> = (0..20).map(|i| (format!("raywave.key{i}"), format!("{i}"))).collect();
-    let options = WriteOptions { exposure: 0.5, metadata: &metadata };
+    let options = WriteOptions { exposure: 0.5, metadata: &metadata, format: None };
     let image = noise(64, 400);
     for name in ["x.exr", "x.png", "x.hdr"] {
         let first = image_bytes(Path::new(name), &image, &options).unwrap();
@@ -526,18 +526,18 @@ fn outputs_are_checked_before_the_work() {
     fs::create_dir(inside("folder.exr")).unwrap();
 
     for name in ["a.exr", "a.png", "a.hdr", "A.EXR", "two.dots.png"] {
-        check_output(&inside(name)).unwrap();
+        check_output(&inside(name), None).unwrap();
     }
     for name in ["a", "a.jpg", "a.exr.", "exr", ".exr"] {
-        let error = check_output(&inside(name)).unwrap_err();
+        let error = check_output(&inside(name), None).unwrap_err();
         assert!(matches!(error.problem, ImageProblem::UnknownFormat { .. }), "{error}");
         assert_well_spoken(&error, &inside(name));
     }
-    let error = check_output(&inside("folder.exr")).unwrap_err();
+    let error = check_output(&inside("folder.exr"), None).unwrap_err();
     assert!(error.to_string().contains("it is a folder"), "{error}");
     assert_well_spoken(&error, &inside("folder.exr"));
 
-    let error = check_output(&inside("no/such/a.exr")).unwrap_err();
+    let error = check_output(&inside("no/such/a.exr"), None).unwrap_err();
     assert!(error.to_string().contains("create it"), "{error}");
     assert_well_spoken(&error, &inside("no/such/a.exr"));
 
@@ -550,7 +550,7 @@ fn outputs_are_checked_before_the_work() {
 fn unwritable_folders_are_noticed() {
     let path = Path::new("/proc/self/a.exr");
     for error in
-        [check_output(path).unwrap_err(), write_image(path, &noise(2, 2), &WriteOptions::default()).unwrap_err()]
+        [check_output(path, None).unwrap_err(), write_image(path, &noise(2, 2), &WriteOptions::default()).unwrap_err()]
     {
         assert!(matches!(error.problem, ImageProblem::Write { .. }), "{error}");
         assert_well_spoken(&error, path);
@@ -604,7 +604,7 @@ fn images_have_the_permissions_of_any_new_file() {
 
 #[test]
 fn a_bare_file_name_means_the_current_folder() {
-    check_output(Path::new("bare.exr")).unwrap();
+    check_output(Path::new("bare.exr"), None).unwrap();
     assert!(!Path::new("bare.exr").exists());
 }
 

@@ -150,8 +150,10 @@ fn image_formats_stay_in_image() {
 #[test]
 fn the_command_line_alone_prints() {
     let printers = ["print!", "println!", "eprint!", "eprintln!", "dbg!", "io::stdout", "io::stderr"];
+    // A file may be written to /dev/stdout.
+    let is_allowed = |line: &Line, word| line.room == "cli" || (&*line.room, word) == ("whole_file", "io::stdout");
     assert_none("output outside crates/cli", |line| {
-        line.room != "cli"
-            && printers.iter().any(|word| line.has(word.trim_end_matches('!')) && line.code.contains(word))
+        let prints = |word: &&str| line.has(word.trim_end_matches('!')) && line.code.contains(*word);
+        printers.iter().filter(|word| prints(word)).any(|word| !is_allowed(line, word))
     });
 }

@@ -12,7 +12,7 @@ use indicatif::ProgressBar;
 use jiff::Timestamp;
 
 use super::picture::PictureArguments;
-use super::{at_least_one, print, stop_on_interrupt};
+use super::{at_least_one, output_path, print, stop_on_interrupt};
 use raywave_studies::export::{Document, Exports, Format};
 use raywave_studies::studies::{
     Clock, Design, Event, Factor, Provenance, Purpose, Renderer, Report, Rounds, Study, StudyError, Verdict,
@@ -67,17 +67,17 @@ pub struct CompareArguments {
     /// Exposure of the images in the page, in stops
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub exposure: f32,
-    /// Write everything, as JSON
-    #[arg(long, value_name = "FILE")]
+    /// Write everything, as JSON; - is stdout, in place of the tables, here as below
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     pub json: Option<PathBuf>,
     /// Write a row for each combination, as CSV
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     pub csv: Option<PathBuf>,
     /// Write tables, as Markdown
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     pub markdown: Option<PathBuf>,
     /// Write a page with tables, plots and images
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     pub html: Option<PathBuf>,
     /// No progress or warnings
     #[arg(long, short)]
@@ -148,15 +148,15 @@ pub fn run(
         if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     progress.bar.finish_and_clear();
-    if let Some(error) = unwritten {
-        return Err(error.into());
-    }
     let report = outcome?;
     provenance.settings = report.shared_settings();
     let document = Document { provenance: &provenance, report: &report };
     // A study that was broken off has more to say than it last wrote.
-    exports.write(&document)?;
-    print(&document.markdown())?;
+    let written = unwritten.map_or_else(|| exports.write(&document), Err);
+    if !exports.take_stdout() {
+        print(&document.markdown())?;
+    }
+    written?;
     judge(&report)
 }
 
@@ -246,7 +246,7 @@ impl Progress {
             }
             Event::Judged { scene, label, verdict } if !verdict.counts() && !self.quiet => {
                 let said = format!("warning: {scene}, {label}: {}: {}", verdict.word(), verdict.explanation());
-                self.bar.suspend(|| eprintln!("{said}"));
+                self.bar.suspend(|| tell!("{said}"));
             }
             _ => (),
         }

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::ensure;
 
-use super::render::is_same_file;
 use super::{LoadArguments, check_text_output, load_scene, warn_unless};
 use raywave::bvh::MAX_TRIANGLES;
 use raywave::scene::{MeshFormat, SceneFiles};
+use raywave::whole_file::is_same;
 
 /// Write a scene as a scene file (.toml), with its meshes and images beside it
 ///
@@ -56,7 +56,7 @@ pub fn run(arguments: &ConvertArguments) -> anyhow::Result<()> {
     };
     let files = SceneFiles::new(&scene, output, format);
     for path in files.paths() {
-        ensure!(!is_same_file(input, &path)?, "{}: it would be overwritten; name another output", input.display());
+        ensure!(!is_same(input, &path)?, "{}: it would be overwritten; name another output", input.display());
     }
     if !files.lost.is_empty() {
         warn_unless(arguments.quiet)(&format!(

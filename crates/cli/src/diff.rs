@@ -69,7 +69,7 @@ pub fn run(arguments: &DiffArguments) -> anyhow::Result<()> {
 /// As [`run`].
 pub fn diff(arguments: &DiffArguments) -> anyhow::Result<Report> {
     if let Some(path) = &arguments.heatmap {
-        check_output(path)?;
+        check_output(path, None)?;
     }
     let (a, b) = (read_image(&arguments.a)?, read_image(&arguments.b)?);
     let comparison = compare_images(&a, &b).with_context(|| {

@@ -11,10 +11,10 @@ use raywave::rays::{Metadata, RayClass, RayDump, RayOrder, RayScene, RecordLayou
 use raywave::render::{Defaults, PreparedScene, Session, distances};
 use raywave::scene::Scene;
 use raywave::settings::{Named, Scheduler};
+use raywave::whole_file::is_same;
 
 use super::picture::PictureArguments;
-use super::render::is_same_file;
-use super::{check_text_output, load_scene};
+use super::{check_text_output, load_scene, output_path};
 
 /// Freeze the rays of a bounce to a file, for `raywave replay` and other tracers
 ///
@@ -33,14 +33,14 @@ pub struct DumpRaysArguments {
     /// In which order
     #[arg(long, value_name = "ORDER", default_value = "slot")]
     order: OrderName,
-    /// File to write
-    #[arg(short, long, value_name = "FILE")]
+    /// File to write; - is stdout
+    #[arg(short, long, value_name = "FILE", value_parser = output_path())]
     output: PathBuf,
     /// Write the corners of the scene's triangles in the space of the rays, as .npy
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     triangles: Option<PathBuf>,
     /// Write how far each ray goes, as .npy; shadow rays 0 where blocked
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     distances: Option<PathBuf>,
     #[command(flatten)]
     picture: PictureArguments,
@@ -71,7 +71,7 @@ pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
     for (at, path) in outputs.iter().enumerate() {
         check_text_output(path)?;
         for other in &outputs[..at] {
-            ensure!(!is_same_file(path, other)?, "{}: two outputs name this file; name another", path.display());
+            ensure!(!is_same(path, other)?, "{}: two outputs name this file; name another", path.display());
         }
     }
     let scene = load_scene(arguments.scene.as_deref(), &arguments.picture.load.options(), arguments.quiet)?;
@@ -136,7 +136,7 @@ pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
     if !arguments.quiet {
         let Metadata { rays, pixels, samples_per_pixel, .. } = dump.metadata;
         let all = settings.width * settings.height;
-        eprintln!(
+        tell!(
             "{}: {} {}; {} of {} pixels, {samples_per_pixel} samples per pixel",
             arguments.output.display(),
             HumanCount(rays),
@@ -145,7 +145,7 @@ pub fn run(arguments: &DumpRaysArguments) -> anyhow::Result<()> {
             HumanCount(all.into()),
         );
         if queued.left_out > 0 {
-            eprintln!("warning: {} rays were not finite and are left out", queued.left_out);
+            tell!("warning: {} rays were not finite and are left out", queued.left_out);
         }
     }
     Ok(())

@@ -9,16 +9,34 @@ use anyhow::{Context, bail, ensure};
 use raywave::film::{Film, FilmFile, FilmLock, block_range, read_film, write_film};
 use raywave::render::{Kept, Statistics};
 use raywave::settings::Settings;
+use raywave::whole_file;
 use raywave_studies::lab::{AboutFilm, Counters};
 
-use super::render::RenderArguments;
+use super::tradeoff::duration;
+
+/// The film that a render keeps.
+#[derive(Debug, clap::Args)]
+pub struct FilmArguments {
+    /// Film to keep: all sums, with which the render can go on, or be put together with its other parts
+    #[arg(long, value_name = "FILE")]
+    pub film: Option<PathBuf>,
+    /// Go on from the film if it is there
+    #[arg(long, requires = "film")]
+    resume: bool,
+    /// Time between two saves of the film, at least; all of them take up to a hundredth of the render (60s)
+    #[arg(long, value_name = "TIME", value_parser = duration, requires = "film")]
+    save_every: Option<f64>,
+    /// Render these blocks of samples alone, counted from 0, as a part of the image: 4-7, or 4
+    #[arg(long, value_name = "FIRST-LAST", value_parser = block_numbers, requires = "film")]
+    pub blocks: Option<Blocks>,
+}
 
 /// Numbers of blocks on the command line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Blocks(pub Range<u32>);
 
 /// Reads `4-7` or `4`.
-pub fn block_numbers(text: &str) -> Result<Blocks, String> {
+fn block_numbers(text: &str) -> Result<Blocks, String> {
     let (first, last) = text.split_once('-').unwrap_or((text, text));
     let number = |text: &str| text.trim().parse::<u32>().ok().filter(|number| *number < u32::MAX);
     match (number(first), number(last)) {
@@ -44,7 +62,9 @@ impl FilmOnDisk {
     const EVERY: Duration = Duration::from_secs(60);
 
     /// Locks the film and reads it, if it is there. Settings that leave the samples of a block open take the film's.
-    pub fn open(path: &Path, arguments: &RenderArguments, settings: &mut Settings) -> anyhow::Result<Self> {
+    pub fn open(arguments: &FilmArguments, settings: &mut Settings) -> anyhow::Result<Option<Self>> {
+        let Some(path) = arguments.film.as_deref() else { return Ok(None) };
+        ensure!(!whole_file::is_stream(path), "{}: a film goes to a file", path.display());
         let lock = FilmLock::new(path)?;
         let found = path.try_exists().with_context(|| format!("{}: it cannot be read", path.display()))?;
         let found = if found {
@@ -73,7 +93,7 @@ impl FilmOnDisk {
         }
         let before = found.as_ref().map_or(Counters::default(), |(_, about)| about.counters.clone());
         let every = arguments.save_every.map_or(Self::EVERY, Duration::from_secs_f64);
-        Ok(Self { path: path.into(), _lock: lock, found, before, every, saved: Instant::now() })
+        Ok(Some(Self { path: path.into(), _lock: lock, found, before, every, saved: Instant::now() }))
     }
 
     /// Whether what was found is of the render that is about to go on.

@@ -1,7 +1,13 @@
 //! The command line: arguments, resolved settings, progress, warnings. The only room that prints.
 //!
 //! Data goes to stdout, all else to stderr. Exit codes: 0 done, 1 the device failed, 2 bad input
-//! or an output that cannot be written, 130 broken off by a second Ctrl-C.
+//! or an output that cannot be written, 128 and the signal's number where a second signal broke it off.
+
+// Everything is said by `messages`.
+#![deny(clippy::print_stderr, clippy::print_stdout)]
+
+#[macro_use]
+mod messages;
 
 pub mod compare;
 mod compiled;
@@ -23,19 +29,23 @@ mod trace;
 pub mod tradeoff;
 mod tune;
 
-use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use anyhow::Context;
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Parser, Subcommand};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
 
+use messages::print;
 use picture::PictureArguments;
 use raywave::gpu::{Device, GpuError, Instance, Tools};
 use raywave::render::RenderError;
 use raywave::scene::{LoadOptions, Scene};
+use raywave::whole_file::STDOUT;
 use raywave_studies::lab::{Asked, ChildFailed, DeviceRenderer, StartUp, cache_folder};
 use raywave_studies::studies::{Provenance, Renderer};
 
@@ -94,7 +104,7 @@ pub fn main() -> ExitCode {
             return ExitCode::from(2);
         }
         Err(error) => {
-            eprintln!("{}", without_usage(&error));
+            tell!("{}", without_usage(&error));
             return ExitCode::from(2);
         }
     };
@@ -127,7 +137,7 @@ pub fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // Names of files may hold line breaks.
-            eprintln!("error: {}", format!("{error:#}").replace(char::is_control, " "));
+            tell!("error: {}", format!("{error:#}").replace(char::is_control, " "));
             exit_code(&error)
         }
     }
@@ -199,7 +209,7 @@ fn renderer(
 fn warn_unless(quiet: bool) -> impl FnMut(&str) {
     move |warning| {
         if !quiet {
-            eprintln!("warning: {warning}");
+            tell!("warning: {warning}");
         }
     }
 }
@@ -292,32 +302,34 @@ fn open_device_with(wanted: Option<&str>, tools: Tools) -> anyhow::Result<Device
     Ok(Device::open_with_cache(&instance, description, cache_folder().as_deref())?)
 }
 
-/// Prints data. A reader that has read enough, as `head` does, is no error.
-fn print(text: &str) -> anyhow::Result<()> {
-    match std::io::stdout().lock().write_all(text.as_bytes()) {
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-        outcome => outcome.context("cannot print"),
-    }
-}
-
-/// A flag that the first Ctrl-C raises, with words on what happens now. The second one ends the
-/// program. A process may ask for one after another: the last one counts.
+/// A flag that the first Ctrl-C raises, or whoever else asks the program to end, with words on what happens now. The second
+/// one ends the program. A process may ask for one after another: the last one counts.
 fn stop_on_interrupt(words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {
     static LISTENER: Mutex<Option<(Arc<AtomicBool>, &str)>> = Mutex::new(None);
     let flag = Arc::new(AtomicBool::new(false));
     let listener = || LISTENER.lock().expect("nobody panics here");
     let before = listener().replace((Arc::clone(&flag), words));
     if before.is_none() {
-        let interrupted = move || {
-            let Some((raised, words)) = listener().clone() else { return };
-            if raised.swap(true, Ordering::Relaxed) {
-                std::process::exit(130);
+        let mut signals = Signals::new(ending_signals()).context("cannot listen for Ctrl-C")?;
+        std::thread::spawn(move || {
+            for signal in signals.forever() {
+                let Some((raised, words)) = listener().clone() else { continue };
+                if raised.swap(true, Ordering::Relaxed) {
+                    std::process::exit(128 + signal);
+                }
+                tell!("\n{words}");
             }
-            eprintln!("\n{words}");
-        };
-        ctrlc::set_handler(interrupted).context("cannot listen for Ctrl-C")?;
+        });
     }
     Ok(flag)
+}
+
+/// The signals that ask the program to end. What `nohup` started is not to end with its terminal.
+fn ending_signals() -> Vec<i32> {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    let is_ignored = |signal: i32| ignored.is_some_and(|mask| mask & (1 << (signal - 1)) != 0);
+    [SIGINT, SIGTERM].into_iter().chain((!is_ignored(SIGHUP)).then_some(SIGHUP)).collect()
 }
 
 /// Says whether a text file can be written there, before the work begins.
@@ -325,10 +337,14 @@ fn check_text_output(path: &Path) -> anyhow::Result<()> {
     raywave::whole_file::check(path).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
+/// The path of an output: `-` is the standard output.
+fn output_path() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().map(|path| if path.as_os_str() == "-" { PathBuf::from(STDOUT) } else { path })
+}
+
 /// Writes a text file whole.
 fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
-    raywave::whole_file::write(path, |file| file.write_all(text.as_bytes()))
-        .with_context(|| format!("{}: cannot be written", path.display()))
+    raywave::whole_file::write_text(path, text).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
 /// Bytes for people.

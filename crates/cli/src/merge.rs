@@ -2,15 +2,16 @@
 
 use std::path::PathBuf;
 
-use anyhow::{bail, ensure};
+use anyhow::bail;
 
-use raywave::film::{Film, FilmLock, block_range, MergeError, write_film};
+use raywave::film::{Film, FilmLock, MergeError, block_range, write_film};
 use raywave::image::check_output;
 use raywave_studies::lab::AboutFilm;
 
+use super::check_text_output;
 use super::film::{in_words, is_film, lacking, read};
-use super::render::write_with_record;
-use super::{check_text_output, tell};
+use super::output_path;
+use super::render::{Encoding, write_with_record};
 
 /// Put parts of a render together: to the bits that one render of all would have
 #[derive(Debug, clap::Args)]
@@ -19,14 +20,13 @@ pub struct MergeArguments {
     #[arg(required = true, value_name = "PART")]
     parts: Vec<PathBuf>,
     /// Image or film to write, by its ending: .png, .exr or .hdr, or .film
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", value_parser = output_path())]
     output: PathBuf,
     /// Write what there is, even if blocks are missing
     #[arg(long)]
     partial: bool,
-    /// Exposure of a PNG in stops: radiance is multiplied by 2^STOPS
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
-    exposure: f32,
+    #[command(flatten)]
+    encoding: Encoding,
     /// No summary
     #[arg(long, short)]
     quiet: bool,
@@ -35,8 +35,11 @@ pub struct MergeArguments {
 pub fn run(arguments: &MergeArguments) -> anyhow::Result<()> {
     let output = &arguments.output;
     let to_film = is_film(output);
-    if to_film { check_text_output(output)? } else { check_output(output)? }
-    ensure!(arguments.exposure.is_finite(), "--exposure {} is not a number of stops", arguments.exposure);
+    if to_film {
+        check_text_output(output)?
+    } else {
+        check_output(output, arguments.encoding.format())?
+    }
     // What another process renders into is not replaced.
     let _lock = if to_film { Some(FilmLock::new(output)?) } else { None };
     let mut whole: Option<(Film, AboutFilm, &PathBuf)> = None;
@@ -73,7 +76,7 @@ pub fn run(arguments: &MergeArguments) -> anyhow::Result<()> {
     } else {
         let image = film.image();
         let record = about.image_record(&film);
-        write_with_record(output, &image, &image.digest(), record, arguments.exposure)?;
+        write_with_record(output, &image, &image.digest(), record, &arguments.encoding)?;
     }
     if !arguments.quiet {
         tell!("{}: {} by {}, {}", output.display(), film.width, film.height, in_words(&film, about.samples));

@@ -15,7 +15,7 @@ use raywave::clocks::{self, ClockState};
 use raywave::facts::{self, Facts};
 use raywave::film::{FilmMoments, ImageMean, MeanSum};
 use raywave::gpu::{Device, DeviceDescription, GpuError, Tools};
-use raywave::image::{Image, WriteOptions, check_output, write_image};
+use raywave::image::{Image, OutputFormat, WriteOptions, check_output, write_image};
 use raywave::render::{
     Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Session, SessionOptions,
     Statistics, find_faults,
@@ -23,15 +23,17 @@ use raywave::render::{
 use raywave::scene::Scene;
 use raywave::settings::{SETTINGS, Settings};
 use raywave::trace::Stages;
+use raywave::whole_file;
 use raywave_studies::export::plain;
 use raywave_studies::lab::{self, AboutFilm, Tuning, tuning};
 use raywave_studies::studies::CompiledKernelRow;
 
-use super::film::{Blocks, FilmOnDisk, block_numbers};
+use super::film::{Blocks, FilmArguments, FilmOnDisk};
 use super::picture::PictureArguments;
 use super::tradeoff::duration;
 use super::{
-    check_text_output, compiled, load_scene, open_device_with, stop_on_interrupt, trace, warn_unless, write_text,
+    check_text_output, compiled, load_scene, open_device_with, output_path, stop_on_interrupt, trace, warn_unless,
+    write_text,
 };
 
 /// Render a scene to an image
@@ -39,31 +41,20 @@ use super::{
 pub struct RenderArguments {
     /// Scene (.toml, .gltf, .glb, Mitsuba's .xml) or mesh (.obj, .ply); the built-in Cornell box without
     scene: Option<PathBuf>,
-    /// Image to write: .png (sRGB), .exr (linear, with metadata) or .hdr (linear)
-    #[arg(short, long, value_name = "FILE", required_unless_present = "film")]
+    /// Image to write: .png (sRGB), .exr (linear, with metadata) or .hdr (linear); - is stdout
+    #[arg(short, long, value_name = "FILE", value_parser = output_path(), required_unless_present = "film")]
     output: Option<PathBuf>,
-    /// Film to keep: all sums, with which the render can go on, or be put together with its other parts
-    #[arg(long, value_name = "FILE")]
-    film: Option<PathBuf>,
-    /// Go on from the film if it is there
-    #[arg(long, requires = "film")]
-    resume: bool,
-    /// Time between two saves of the film; each takes up to a hundredth of the render (60s)
-    #[arg(long, value_name = "TIME", value_parser = duration, requires = "film")]
-    save_every: Option<f64>,
-    /// Render these blocks of samples alone, counted from 0, as a part of the image: 4-7, or 4
-    #[arg(long, value_name = "FIRST-LAST", value_parser = block_numbers, requires = "film")]
-    blocks: Option<Blocks>,
+    #[command(flatten)]
+    film: FilmArguments,
     #[command(flatten)]
     picture: PictureArguments,
-    /// Exposure of a PNG in stops: radiance is multiplied by 2^STOPS
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
-    exposure: f32,
+    #[command(flatten)]
+    encoding: Encoding,
     /// Write what the render cost, as JSON
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     stats: Option<PathBuf>,
     /// Write what host and device did when, in Chrome's trace format, for Perfetto
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     trace: Option<PathBuf>,
     /// Name every Vulkan object and label passes and bounces, even if no layer is known that shows it
     #[arg(long)]
@@ -80,6 +71,50 @@ pub struct RenderArguments {
     quiet: bool,
 }
 
+/// How an image is written.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Encoding {
+    /// Format of the image, whatever its name; EXR where it goes to stdout or another stream
+    #[arg(long)]
+    format: Option<FormatName>,
+    /// Exposure of a PNG in stops: radiance is multiplied by 2^STOPS
+    #[arg(long, value_name = "STOPS", default_value = "0", value_parser = stops, allow_negative_numbers = true)]
+    exposure: f32,
+}
+
+impl Encoding {
+    /// The format that is asked for.
+    pub fn format(&self) -> Option<OutputFormat> {
+        self.format.map(Into::into)
+    }
+}
+
+fn stops(text: &str) -> Result<f32, String> {
+    let stops = text.parse::<f32>().ok().filter(|stops| stops.is_finite());
+    stops.ok_or_else(|| "it is not a number of stops".to_owned())
+}
+
+/// A format of images.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum FormatName {
+    /// Linear, with metadata
+    Exr,
+    /// Linear, RGBE
+    Hdr,
+    /// sRGB
+    Png,
+}
+
+impl From<FormatName> for OutputFormat {
+    fn from(name: FormatName) -> Self {
+        match name {
+            FormatName::Exr => Self::Exr,
+            FormatName::Hdr => Self::Hdr,
+            FormatName::Png => Self::Png,
+        }
+    }
+}
+
 /// After Ctrl-C, time in which a render may come to equal samples in all pixels before it ends without.
 const EVEN_WITHIN: Duration = Duration::from_millis(250);
 
@@ -87,29 +122,28 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let begun = Instant::now();
     let outputs = [
         ("--output", &arguments.output),
-        ("--film", &arguments.film),
+        ("--film", &arguments.film.film),
         ("--stats", &arguments.stats),
         ("--trace", &arguments.trace),
     ];
     let mut named: Vec<(&str, &PathBuf)> = Vec::new();
     for (flag, path) in outputs.into_iter().filter_map(|(flag, path)| Some((flag, path.as_ref()?))) {
         match flag {
-            "--output" => check_output(path)?,
+            "--output" => check_output(path, arguments.encoding.format())?,
             _ => check_text_output(path)?,
         }
         for (other, taken) in &named {
-            ensure!(!is_same_file(path, taken)?, "{}: {flag} and {other} name the same file", path.display());
+            ensure!(!whole_file::is_same(path, taken)?, "{}: {flag} and {other} name the same file", path.display());
         }
         named.push((flag, path));
     }
-    ensure!(arguments.exposure.is_finite(), "--exposure {} is not a number of stops", arguments.exposure);
     let stages = if arguments.trace.is_some() { Stages::kept() } else { Stages::default() };
     let tools = Tools { labels: arguments.labels, stages: stages.clone(), ..Tools::default() };
     let loading = stages.begin("load scene");
     let scene = load_scene(arguments.scene.as_deref(), &arguments.picture.load.options(), arguments.quiet)?;
     drop(loading);
     let mut settings = arguments.picture.settings(&scene)?;
-    let mut film = arguments.film.as_deref().map(|path| FilmOnDisk::open(path, arguments, &mut settings)).transpose()?;
+    let mut film = FilmOnDisk::open(&arguments.film, &mut settings)?;
     let mut device = open_device_with(arguments.picture.device(), tools.clone())?;
     let measuring = stages.begin("measure device");
     let mut defaults = Defaults::of(&device)?;
@@ -122,7 +156,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let options = SessionOptions { tuned: defaults.tuned, ..SessionOptions::default() };
     let start = |device: &Device| -> anyhow::Result<Session> {
         let mut session = Session::with_options(device, &prepared, &settings, options)?;
-        if let Some(Blocks(blocks)) = &arguments.blocks {
+        if let Some(Blocks(blocks)) = &arguments.film.blocks {
             session.take_blocks(blocks.clone());
         }
         Ok(session)
@@ -145,11 +179,19 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let mut interrupted_at = None;
     let bar = progress_bar(arguments.quiet, settings.samples);
     let description = device.description().clone();
+    let every = arguments.keep_every.map_or(Kept::EVERY, Duration::from_secs_f64);
+    let mut kept = match &mut film {
+        Some(film) => film.begin(Kept::every(every.min(film.save_every()))),
+        None => Kept::every(every),
+    };
+    let mut warn = warn_unless(arguments.quiet);
     let about = |statistics: &Statistics| AboutFilm::new(&scene, &settings, &description, statistics);
     let mut progress = |progress: &Progress<'_>| {
         show(&bar, progress);
         if let (Some(film), Some(kept)) = (&mut film, progress.looked) {
-            film.save_if_due(kept, about);
+            if let Err(error) = film.save_if_due(kept, about) {
+                warn(&format!("{error:#}; the render goes on without"));
+            }
         }
         if !interrupted.load(Ordering::Relaxed) {
             return ControlFlow::Continue(());
@@ -158,17 +200,12 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         ControlFlow::Break(if waited < EVEN_WITHIN { Ending::Even } else { Ending::Now })
     };
     let mut picture = Picture::new(&settings)?;
-    let every = arguments.keep_every.map_or(Kept::EVERY, Duration::from_secs_f64);
-    let mut kept = match &mut film {
-        Some(film) => film.begin(Kept::every(every.min(film.save_every()))),
-        None => Kept::every(every),
-    };
     let clocks = clocks::of_device(device.description().uuid);
     let state = || clocks.as_ref().map(|clocks| clocks.state());
     let clocks_before = state();
     let mut traces = Vec::new();
     let most_passes = arguments.trace.is_some().then_some(trace::MOST_PASSES);
-    let keeps_film = arguments.film.is_some();
+    let keeps_film = arguments.film.film.is_some();
     let mut go_on = |mut session: Session, kept: &mut Kept| -> anyhow::Result<Statistics> {
         most_passes.map_or(Ok(()), |most| session.keep_trace(most))?;
         let rendered = match keeps_film {
@@ -182,7 +219,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let lost = rendered.as_ref().err().filter(|error| is_lost_device(error)).map(|error| format!("{error:#}"));
     if let Some(lost) = lost {
         let count = HumanCount(kept.sample_count());
-        eprintln!("warning: {lost}; it is opened anew, and the render goes on from {count} samples");
+        tell!("warning: {lost}; it is opened anew, and the render goes on from {count} samples");
         rendered = open_device_with(arguments.picture.device(), tools).and_then(|again| {
             let name = again.description().cache_name();
             ensure!(name == device.description().cache_name(), "{lost}; it did not come back");
@@ -223,7 +260,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         settings: &settings,
         device: device.description(),
         facts: &*facts::of(&device)?,
-        exposure: arguments.exposure,
+        exposure: arguments.encoding.exposure,
         faults: faults.as_deref().unwrap_or_default(),
         digest: image.digest(),
         compiled: &compiled,
@@ -246,7 +283,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
 fn warn_of_dropped(traces: &[DeviceTrace]) {
     let dropped: usize = traces.iter().map(DeviceTrace::dropped_passes).sum();
     if dropped > 0 {
-        eprintln!(
+        tell!(
             "warning: the trace has the first {} passes alone; {dropped} more were left out",
             HumanCount(trace::MOST_PASSES as u64)
         );
@@ -287,12 +324,6 @@ impl Picture {
         self.pixels.resize(settings.width as usize * settings.height as usize, Vec3::NAN);
         (Image::new(settings.width, settings.height, self.pixels), self.mean.mean())
     }
-}
-
-/// Whether two paths whose folders exist name one file, however they are spelled.
-pub fn is_same_file(a: &Path, b: &Path) -> std::io::Result<bool> {
-    let folder = |path: &Path| std::path::absolute(path)?.parent().unwrap_or(path).canonicalize();
-    Ok(a.file_name() == b.file_name() && folder(a)? == folder(b)?)
 }
 
 fn progress_bar(quiet: bool, samples: u32) -> ProgressBar {
@@ -396,7 +427,7 @@ fn write(
     mean: &ImageMean,
 ) -> anyhow::Result<()> {
     if let Some(path) = &arguments.output {
-        write_with_record(path, image, &report.digest, report.settings(statistics), arguments.exposure)?;
+        write_with_record(path, image, &report.digest, report.settings(statistics), &arguments.encoding)?;
     }
     if let Some(path) = &arguments.stats {
         let text =
@@ -412,12 +443,13 @@ pub fn write_with_record(
     image: &Image,
     digest: &str,
     mut record: Map<String, Value>,
-    exposure: f32,
+    encoding: &Encoding,
 ) -> anyhow::Result<()> {
     record.insert("pixels_blake3".to_owned(), digest.into());
     let metadata: Vec<(String, String)> =
         record.into_iter().map(|(key, value)| (format!("raywave.{key}"), plain(&value))).collect();
-    Ok(write_image(path, image, &WriteOptions { exposure, metadata: &metadata })?)
+    let options = WriteOptions { exposure: encoding.exposure, metadata: &metadata, format: encoding.format() };
+    Ok(write_image(path, image, &options)?)
 }
 
 fn fault_record(fault: &Fault) -> Value {
@@ -440,7 +472,7 @@ fn warn_of_faults(count: u32, faults: &[Fault]) {
     };
     let named: Vec<String> = faults.iter().take(NAMED_FAULTS).map(name).collect();
     let more = if count as usize > named.len() { ", ..." } else { "" };
-    eprintln!(
+    tell!(
         "warning: {count} samples were NaN or infinite and are left out, so their pixels are too dark: {}{more}; look for extreme \
          numbers in the materials",
         named.join(", ")
@@ -465,9 +497,9 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
     } else {
         String::new()
     };
-    eprintln!(
+    tell!(
         "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s, pixels {}{tuned}",
-        arguments.output.as_ref().or(arguments.film.as_ref()).expect("one of them is named").display(),
+        arguments.output.as_ref().or(arguments.film.film.as_ref()).expect("one of them is named").display(),
         settings.width,
         settings.height,
         statistics.samples,
@@ -476,7 +508,7 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
         &report.digest[..NAMED_DIGITS],
     );
     for bias in SETTINGS.iter().filter_map(|setting| (setting.bias)(settings)) {
-        eprintln!("warning: the image is biased: {bias}");
+        tell!("warning: the image is biased: {bias}");
     }
     if statistics.nonfinite_samples > 0 {
         warn_of_faults(statistics.nonfinite_samples, report.faults);

@@ -14,12 +14,12 @@ use raywave::layout::WorkCount;
 use raywave::rays::{Metadata, RayClass, RayDump};
 use raywave::render::{Defaults, PreparedScene, Replay, ReplayOutcome, Warmth};
 use raywave::settings::{Named, Settings};
+use raywave::whole_file::{is_same, is_stdout};
 use raywave_studies::stats::{CONFIDENCE, Estimate, Interval, TOO_FEW_ROUNDS};
 
 use super::dump_rays::{class_name, ray_scene};
 use super::picture::one_of;
-use super::render::is_same_file;
-use super::{LoadArguments, check_text_output, load_scene, open_device, print, write_text};
+use super::{LoadArguments, check_text_output, load_scene, open_device, output_path, print, write_text};
 
 /// Run dumped rays through a traversal kernel alone and tell its speed
 ///
@@ -52,8 +52,8 @@ pub struct ReplayArguments {
     /// Device, by number or part of its name; see `raywave devices`
     #[arg(long, env = "RAYWAVE_DEVICE")]
     device: Option<String>,
-    /// Write the report with the time of every round, as JSON
-    #[arg(long, value_name = "FILE")]
+    /// Write the report with the time of every round, as JSON; - is stdout, in place of the table
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     json: Option<PathBuf>,
     /// No warnings
     #[arg(long, short)]
@@ -75,7 +75,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
     let prepared = PreparedScene::for_device(&scene, &settings, &Defaults::of(&device)?)?;
     let RayDump { metadata, rays } = RayDump::read(&arguments.file, &ray_scene(&scene, &prepared))?;
     if let Some(path) = &arguments.json {
-        let same = is_same_file(path, &arguments.file)?;
+        let same = is_same(path, &arguments.file)?;
         ensure!(!same, "{}: --json would overwrite the rays; name another file", path.display());
     }
     let mut replay = Replay::new(&device, &prepared, &settings, metadata.class, &rays, arguments.repeat)?;
@@ -97,7 +97,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         let text = serde_json::to_string_pretty(&report.json()).context("the report becomes JSON")?;
         write_text(path, &(text + "\n"))?;
     }
-    print(&report.lines())
+    if arguments.json.as_deref().is_some_and(is_stdout) { Ok(()) } else { print(&report.lines()) }
 }
 
 /// All that belongs to a result.

@@ -9,8 +9,9 @@ use serde::Serialize;
 
 use super::compare::provenance;
 use super::devices::limits;
-use super::{check_text_output, open_device, print, write_text};
+use super::{check_text_output, open_device, output_path, print, write_text};
 use raywave::gpu::DeviceDescription;
+use raywave::whole_file::is_stdout;
 use raywave_studies::lab::sign;
 use raywave_studies::selftest::{Bench, Row, Verdict, checks};
 use raywave_studies::studies::Provenance;
@@ -30,7 +31,7 @@ pub struct SelftestArguments {
     #[arg(long, env = "RAYWAVE_DEVICE")]
     device: Option<String>,
     /// Write everything, as JSON; without FILE to stdout in place of the table
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    #[arg(long, value_name = "FILE", value_parser = output_path(), num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// No progress
     #[arg(long, short)]
@@ -50,9 +51,7 @@ pub fn run(arguments: &SelftestArguments) -> anyhow::Result<()> {
     for name in &arguments.only {
         ensure!(names.contains(&name.as_str()), "--only {name} is no check; the checks are {}", names.join(", "));
     }
-    let to_stdout = arguments.json.as_ref().is_some_and(|path| path.as_os_str() == "-");
-    let file = arguments.json.as_ref().filter(|_| !to_stdout);
-    file.map_or(Ok(()), |path| check_text_output(path))?;
+    arguments.json.as_deref().map_or(Ok(()), check_text_output)?;
 
     let device = open_device(arguments.device.as_deref())?;
     let description = device.description();
@@ -63,16 +62,17 @@ pub fn run(arguments: &SelftestArguments) -> anyhow::Result<()> {
     let mut rows = Vec::new();
     for (number, check) in chosen.iter().enumerate() {
         if !arguments.quiet {
-            eprintln!("{} of {}: {}", number + 1, chosen.len(), check.name);
+            tell!("{} of {}: {}", number + 1, chosen.len(), check.name);
         }
         rows.push(check.run(&bench));
     }
     let report = report(rows);
-    let json = serde_json::to_string_pretty(&report)? + "\n";
-    if let Some(path) = file {
-        write_text(path, &json)?;
+    if let Some(path) = &arguments.json {
+        write_text(path, &(serde_json::to_string_pretty(&report)? + "\n"))?;
     }
-    print(&if to_stdout { json } else { report.lines(description)? })?;
+    if !arguments.json.as_deref().is_some_and(is_stdout) {
+        print(&report.lines(description)?)?;
+    }
     report.judge()
 }
 

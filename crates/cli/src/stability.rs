@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 use anyhow::ensure;
 
 use super::compare::provenance;
-use super::{open_device, print, stop_on_interrupt};
+use super::{open_device, output_path, print, stop_on_interrupt};
 use raywave_studies::export::{Document, Exports, Format, envelope::lines};
 use raywave_studies::lab::sign;
 use raywave_studies::stability::{Level, plans};
@@ -33,17 +33,17 @@ pub struct StabilityArguments {
     /// Device, by number or part of its name; see `raywave devices`
     #[arg(long, env = "RAYWAVE_DEVICE")]
     device: Option<String>,
-    /// Write everything, as JSON
-    #[arg(long, value_name = "FILE")]
+    /// Write everything, as JSON; - is stdout, in place of the tables, here as below
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     json: Option<PathBuf>,
     /// Write a row for each setting, as CSV
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     csv: Option<PathBuf>,
     /// Write the table, as Markdown
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     markdown: Option<PathBuf>,
     /// Write a page
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     html: Option<PathBuf>,
     /// No progress
     #[arg(long, short)]
@@ -88,13 +88,16 @@ pub fn run(arguments: &StabilityArguments) -> anyhow::Result<()> {
             break;
         }
         if !arguments.quiet {
-            eprintln!("{} of {}: {}", number + 1, chosen.len(), plan.name);
+            tell!("{} of {}: {}", number + 1, chosen.len(), plan.name);
         }
         envelope.limits.push(plan.run(&device, level));
         envelope.complete = envelope.limits.len() == chosen.len();
-        exports.write(&Document { provenance: &provenance, report: &envelope })?;
+        exports.keep(&Document { provenance: &provenance, report: &envelope })?;
     }
-    print(&lines(&envelope))?;
+    exports.write(&Document { provenance: &provenance, report: &envelope })?;
+    if !exports.take_stdout() {
+        print(&lines(&envelope))?;
+    }
     let failing: Vec<&str> = envelope.limits.iter().filter(|row| !row.holds()).map(|row| row.name).collect();
     if failing.is_empty() { Ok(()) } else { Err(BrokenPromise(failing.join(", ")).into()) }
 }

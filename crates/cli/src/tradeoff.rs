@@ -12,7 +12,7 @@ use jiff::SignedDuration;
 
 use super::at_least_one;
 use super::picture::PictureArguments;
-use super::{print, readable_bytes, stop_on_interrupt};
+use super::{output_path, print, readable_bytes, stop_on_interrupt};
 use raywave_studies::export::numbers::seconds;
 use raywave_studies::export::{Document, Exports, Format};
 use raywave_studies::lab::References;
@@ -56,17 +56,17 @@ pub struct TradeoffArguments {
     /// Exposure of the images in the page, in stops
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub exposure: f32,
-    /// Write everything, as JSON
-    #[arg(long, value_name = "FILE")]
+    /// Write everything, as JSON; - is stdout, in place of the tables, here as below
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     pub json: Option<PathBuf>,
     /// Write a row for each point, as CSV
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     pub csv: Option<PathBuf>,
     /// Write tables, as Markdown
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     pub markdown: Option<PathBuf>,
     /// Write a page with the front, tables and images
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = output_path())]
     pub html: Option<PathBuf>,
     /// No plan, progress or warnings
     #[arg(long, short)]
@@ -109,7 +109,7 @@ pub fn run(
     let mut unwritten = None;
     let outcome = sweep.run(renderer.as_mut(), &mut references, &mut |event| {
         match event {
-            SweepEvent::Planned(plan) if !arguments.quiet => bar.suspend(|| eprintln!("{}", plan_text(plan))),
+            SweepEvent::Planned(plan) if !arguments.quiet => bar.suspend(|| tell!("{}", plan_text(plan))),
             SweepEvent::Planned(_) => {}
             SweepEvent::Rendering { label, round } => {
                 let step = round.map_or_else(String::new, |round| format!("round {}: ", round + 1));
@@ -126,16 +126,16 @@ pub fn run(
         if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     bar.finish_and_clear();
-    if let Some(error) = unwritten {
-        return Err(error.into());
-    }
     let report = outcome?;
     if let (Some(warning), false) = (references.warning(), arguments.quiet) {
-        eprintln!("warning: {warning}");
+        tell!("warning: {warning}");
     }
     let document = Document { provenance: &provenance, report: &report };
-    exports.write(&document)?;
-    print(&document.markdown())
+    let written = unwritten.map_or_else(|| exports.write(&document), Err);
+    if !exports.take_stdout() {
+        print(&document.markdown())?;
+    }
+    Ok(written?)
 }
 
 fn plan_text(plan: &SweepPlan) -> String {

@@ -55,17 +55,19 @@ pub fn run(arguments: &TuneArguments) -> anyhow::Result<()> {
 
     let tuned = tune(&device, &scene, &settings, arguments.rounds, &mut warn_unless(arguments.quiet))?;
     let report = Report { scene: &scene, device: &device, tuned: &tuned };
-    let file = key.file();
-    if let Some(file) = &file {
-        tuned.tuning().write(file, &key, &scene.name)?;
-    }
+    let named = key.file();
+    // What was measured is printed even if it cannot be kept.
+    let written = named.as_ref().map_or(Ok(()), |file| tuned.tuning().write(file, &key, &scene.name));
+    let file = named.filter(|_| written.is_ok());
     if arguments.json {
-        return print(&(serde_json::to_string_pretty(&report.json(file.as_deref()))? + "\n"));
+        print(&(serde_json::to_string_pretty(&report.json(file.as_deref()))? + "\n"))?;
+        return written;
     }
-    if file.is_none() && !arguments.quiet {
-        eprintln!("warning: the choice is not kept: RAYWAVE_CACHE is off, or there is no folder for caches");
+    if file.is_none() && written.is_ok() && !arguments.quiet {
+        tell!("warning: the choice is not kept: RAYWAVE_CACHE is off, or there is no folder for caches");
     }
-    print(&report.lines(file.as_deref()))
+    print(&report.lines(file.as_deref()))?;
+    written
 }
 
 /// What is printed.

@@ -19,14 +19,14 @@ use raywave::settings::{SETTINGS, Setting};
 use serde_json::Value;
 use tempfile::TempDir;
 
-const CAMERA: &str = "[camera]\neye = [0, 0, 5]\ntarget = [0, 0, 0]\nvfov = 40\n";
+pub const CAMERA: &str = "[camera]\neye = [0, 0, 5]\ntarget = [0, 0, 0]\nvfov = 40\n";
 const LAMP_MTL: &str = "newmtl lamp\nKe 1 1 1\n";
 
 /// A folder that the program runs in, with images and scenes to take.
-struct Folder(TempDir);
+pub struct Folder(TempDir);
 
 impl Folder {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let folder = Self(tempfile::tempdir().expect("a temporary folder"));
         folder.write("lamp.mtl", LAMP_MTL);
         for (name, width) in [("small.png", 2), ("small.exr", 2), ("wide.png", 3), ("wide.exr", 3)] {
@@ -35,33 +35,33 @@ impl Folder {
         folder
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
-    fn write(&self, name: &str, contents: impl AsRef<[u8]>) {
+    pub fn write(&self, name: &str, contents: impl AsRef<[u8]>) {
         fs::write(self.path(name), contents).expect("a temporary file");
     }
 
     /// A scene file over `lamp.toml`'s parts: `toml` under the camera, `faces` in the mesh.
-    fn scene(&self, name: &str, toml: &str, obj: &str) {
+    pub fn scene(&self, name: &str, toml: &str, obj: &str) {
         self.write(&format!("{name}.obj"), format!("mtllib lamp.mtl\nusemtl lamp\n{obj}"));
         self.write(&format!("{name}.toml"), format!("{toml}[[mesh]]\nfile = \"{name}.obj\"\n"));
     }
 
-    fn command(&self, arguments: &[&str]) -> Command {
+    pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(program());
         // What was tuned on this machine is no part of a test.
         command.current_dir(self.0.path()).args(arguments).env("RAYWAVE_CACHE", "off");
         command
     }
 
-    fn run(&self, arguments: &[&str]) -> Output {
+    pub fn run(&self, arguments: &[&str]) -> Output {
         self.command(arguments).output().expect("the program starts")
     }
 
     /// Runs what must succeed; what it prints to stdout.
-    fn succeed(&self, arguments: &[&str]) -> String {
+    pub fn succeed(&self, arguments: &[&str]) -> String {
         let output = self.run(arguments);
         assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
         text(&output.stdout)
@@ -75,7 +75,7 @@ impl Folder {
     }
 }
 
-fn text(bytes: &[u8]) -> String {
+pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("the program writes UTF-8")
 }
 
@@ -810,9 +810,9 @@ fn a_reader_that_leaves_is_no_error() {
     }
 }
 
-#[cfg(target_os = "linux")]
 /// Waits until the child catches SIGINT, as its signal mask in /proc says.
-fn await_handler(child: &mut Child) {
+#[cfg(target_os = "linux")]
+pub fn await_handler(child: &mut Child) {
     const CATCHES_INTERRUPT: u64 = 1 << 1;
     let start = Instant::now();
     while start.elapsed() < Duration::from_secs(60) {

@@ -11,6 +11,7 @@ mod compare_study;
 mod diff;
 mod facts;
 mod labels;
+mod outputs;
 mod selftest;
 mod trace;
 mod tradeoff_study;

@@ -154,14 +154,21 @@ impl Exports {
     pub fn open(files: Vec<(Format, PathBuf)>, exposure_stops: f32) -> Result<Self, ExportError> {
         for (i, (_, path)) in files.iter().enumerate() {
             whole_file::check(path).map_err(unwritable(path))?;
-            if files[..i].iter().any(|(_, before)| before == path) {
-                return Err(ExportError::Twice { path: path.clone() });
+            for (_, before) in &files[..i] {
+                if whole_file::is_same(before, path).map_err(unwritable(path))? {
+                    return Err(ExportError::Twice { path: path.clone() });
+                }
             }
         }
         Ok(Self { files, page: Page::new(exposure_stops), next: None })
     }
 
-    /// Writes every file, unless that has been done so lately that it would take more than a twentieth of the time: a
+    /// Whether one of them goes to the standard output, which then has no room for anything else.
+    pub fn take_stdout(&self) -> bool {
+        self.files.iter().any(|(_, path)| whole_file::is_stdout(path))
+    }
+
+    /// As [`Exports::keep`], unless that has been done so lately that it would take more than a twentieth of the time: a
     /// device that is measured would wait for it.
     ///
     /// # Errors
@@ -169,25 +176,41 @@ impl Exports {
     pub fn update(&mut self, document: &Document<'_, impl Exported>) -> Result<(), ExportError> {
         let start = Instant::now();
         if self.next.is_none_or(|next| start >= next) {
-            self.write(document)?;
+            self.keep(document)?;
             self.next = Some(Instant::now() + REST * start.elapsed());
         }
         Ok(())
     }
 
-    /// Writes every file.
+    /// Writes every file that can be written anew later: all but streams.
+    ///
+    /// # Errors
+    /// As [`Exports::write`].
+    pub fn keep(&mut self, document: &Document<'_, impl Exported>) -> Result<(), ExportError> {
+        self.write_where(document, |path| !whole_file::is_stream(path))
+    }
+
+    /// Writes every file, streams too, for the last time.
     ///
     /// # Errors
     /// A file that cannot be written any more, such as on a full disk. Those before it are written.
     pub fn write(&mut self, document: &Document<'_, impl Exported>) -> Result<(), ExportError> {
-        for (format, path) in &self.files {
+        self.write_where(document, |_| true)
+    }
+
+    fn write_where(
+        &mut self,
+        document: &Document<'_, impl Exported>,
+        is_wanted: impl Fn(&Path) -> bool,
+    ) -> Result<(), ExportError> {
+        for (format, path) in self.files.iter().filter(|(_, path)| is_wanted(path)) {
             let text = match format {
                 Format::Json => document.json(),
                 Format::Csv => document.csv(),
                 Format::Markdown => document.markdown(),
                 Format::Html => document.html(&mut self.page),
             };
-            whole_file::write(path, |file| file.write_all(text.as_bytes())).map_err(unwritable(path))?;
+            whole_file::write_text(path, &text).map_err(unwritable(path))?;
         }
         Ok(())
     }

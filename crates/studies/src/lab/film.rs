@@ -96,7 +96,8 @@ impl AboutFilm {
     /// Of a render under way or at its end.
     pub fn new(scene: &Scene, settings: &Settings, device: &DeviceDescription, statistics: &Statistics) -> Self {
         let is_portable = settings.numerics == Numerics::Portable && !settings.fast_math;
-        let arithmetic = if is_portable { "portable".to_owned() } else { format!("{}, {}", device.name, device.driver) };
+        let arithmetic =
+            if is_portable { "portable".to_owned() } else { format!("{}, {}", device.name, device.driver) };
         Self {
             samples: settings.samples,
             arithmetic,

@@ -97,7 +97,7 @@ impl ReferenceKeeper for References {
             if let Some(folder) = path.parent() {
                 std::fs::create_dir_all(folder)?;
             }
-            Ok(write_image(&path, &reference.image, &WriteOptions { exposure: 0.0, metadata: &metadata })?)
+            Ok(write_image(&path, &reference.image, &WriteOptions { metadata: &metadata, ..WriteOptions::default() })?)
         };
         if let Err(error) = write() {
             self.warning = Some(format!("the reference is not kept: {error:#}"));

@@ -161,8 +161,7 @@ impl Tuning {
         }
         let text = toml::to_string(&record).context("a tuning becomes TOML")?;
         let text = format!("# What `raywave tune` found fastest. It may be deleted.\n{text}");
-        whole_file::write(file, |file| file.write_all(text.as_bytes()))
-            .with_context(|| format!("{}: cannot be written", file.display()))
+        whole_file::write_text(file, &text).with_context(|| format!("{}: cannot be written", file.display()))
     }
 
     /// Reads the file; nothing where there is none. Says what is wrong with it.

@@ -113,7 +113,7 @@ fn address(image: &Arc<Image>) -> usize {
 }
 
 fn data_uri(image: &Image, exposure: f32) -> String {
-    let options = WriteOptions { exposure, metadata: &[] };
+    let options = WriteOptions { exposure, ..WriteOptions::default() };
     // An image without pixels has no PNG; an empty URI shows as a missing image.
     let bytes = image_bytes(Path::new("image.png"), image, &options).unwrap_or_default();
     format!("data:image/png;base64,{}", base64(&bytes))
