@@ -18,6 +18,9 @@ use crate::image::Image;
 use crate::layout::FilmPixel;
 use crate::parallel;
 
+/// What relMSE adds to the square of a pixel's radiance.
+const DARK: f64 = 0.01;
+
 /// Pixels that a thread takes at once.
 const PART: usize = 1 << 14;
 
@@ -393,19 +396,8 @@ impl Film {
         let strip = &self.strips[place.expect("a strip begins there")];
         let count = strip.rows as usize * self.width as usize;
         let scale = self.radiance_scale;
-        let total = |pixel: usize| {
-            let sums = strip.runs.iter().map(|run| match &run.sums {
-                Sums::Whole(pixels) => pixels[pixel],
-                Sums::Open(pixels) => PixelSums::of(&pixels[pixel]),
-            });
-            sums.reduce(|mut sums, later| {
-                sums.add(&later);
-                sums
-            })
-            .unwrap_or(PixelSums::zeroed())
-        };
         let parts: Vec<[Vec<DVec3>; 2]> = parallel::map(count.div_ceil(PART), &|part| {
-            let sums = (part * PART..count.min((part + 1) * PART)).map(total);
+            let sums = (part * PART..count.min((part + 1) * PART)).map(|pixel| total(&strip.runs, pixel));
             let (sum, squares) = sums
                 .map(|total| (DVec3::from_array(total.sum) / scale, DVec3::from_array(total.squares) / (scale * scale)))
                 .unzip();
@@ -439,6 +431,39 @@ impl Film {
         mean.mean()
     }
 
+    /// relMSE of the image by the difference of two halves of its samples, of which the second begins at a number: the
+    /// mean over pixels and channels of (a - b)² / 4 over m² + 0.01, where a and b are the means of the halves and m that of
+    /// all. The halves are independent, so that is on average what the mean of both is off by, whatever the sampler. `None`
+    /// where a pixel has no sample in one of them, or more in one than in the other.
+    pub fn error_by_halves(&self, second: u32) -> Option<f64> {
+        let second = second / self.block_samples;
+        let mut error = 0.0;
+        for strip in &self.strips {
+            let (first, last) = strip.runs.split_at(strip.runs.partition_point(|run| run.first < second));
+            let samples = |runs: &[Run]| runs.iter().map(|run| run.samples).sum::<u32>();
+            if samples(first) == 0 || samples(first) != samples(last) {
+                return None;
+            }
+            let scale = self.radiance_scale * f64::from(samples(first));
+            let mean = |runs: &[Run], pixel| total(runs, pixel).sum.map(|sum| sum / scale);
+            let of_pixel = |pixel| {
+                let (a, b) = (mean(first, pixel), mean(last, pixel));
+                (0..3)
+                    .map(|channel| {
+                        let all = 0.5 * (a[channel] + b[channel]);
+                        (0.5 * (a[channel] - b[channel])).powi(2) / (all * all + DARK)
+                    })
+                    .sum::<f64>()
+            };
+            let count = strip.rows as usize * self.width as usize;
+            let parts = parallel::map(count.div_ceil(PART), &|part| {
+                (part * PART..count.min((part + 1) * PART)).map(of_pixel).sum::<f64>()
+            });
+            error += parts.iter().sum::<f64>();
+        }
+        Some(error / (3.0 * f64::from(self.width) * f64::from(self.height)))
+    }
+
     /// Adds the samples of another part of the same render.
     ///
     /// # Errors
@@ -464,19 +489,21 @@ impl Film {
         Ok(())
     }
 
-    /// The blocks of so many samples of each pixel that some rows lack, or have a part of alone, as ranges.
-    pub fn gaps(&self, samples: u32) -> Vec<Range<u32>> {
-        let (size, end) = (self.block_samples, samples.div_ceil(self.block_samples));
+    /// The blocks of samples of these numbers, whose first begins one, that some rows lack or have a part of alone, as
+    /// ranges.
+    pub fn gaps(&self, samples: &Range<u32>) -> Vec<Range<u32>> {
+        let size = self.block_samples;
+        let blocks = samples.start / size..samples.end.div_ceil(size);
         let mut gaps: Vec<Range<u32>> = Vec::new();
         for strip in &self.strips {
-            let is_enough =
-                |run: &&Run| run.samples >= (run.blocks * size).min(samples.saturating_sub(run.first * size));
-            let mut next = 0;
-            for run in strip.runs.iter().filter(is_enough) {
-                gaps.push(next..run.first.min(end));
+            let is_whole =
+                |run: &&Run| run.samples >= (run.blocks * size).min(samples.end.saturating_sub(run.first * size));
+            let mut next = blocks.start;
+            for run in strip.runs.iter().filter(is_whole).filter(|run| run.end() > blocks.start) {
+                gaps.push(next..run.first.min(blocks.end));
                 next = run.end();
             }
-            gaps.push(next..end);
+            gaps.push(next..blocks.end);
         }
         gaps.retain(|gap| !gap.is_empty());
         gaps.sort_unstable_by_key(|gap| (gap.start, gap.end));
@@ -525,6 +552,19 @@ impl Film {
         }
         self.strips = joined;
     }
+}
+
+/// The sums of a pixel over some runs, from the first to the last.
+fn total(runs: &[Run], pixel: usize) -> PixelSums {
+    let sums = runs.iter().map(|run| match &run.sums {
+        Sums::Whole(pixels) => pixels[pixel],
+        Sums::Open(pixels) => PixelSums::of(&pixels[pixel]),
+    });
+    let add = |mut sums: PixelSums, later: PixelSums| {
+        sums.add(&later);
+        sums
+    };
+    sums.reduce(add).unwrap_or(PixelSums::zeroed())
 }
 
 /// Whether rows have the same samples, and the sums of either are here or are not.
