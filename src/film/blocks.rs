@@ -345,37 +345,30 @@ impl Film {
         }
     }
 
-    /// Puts what the device has of a block in place of what was there: rows of equal samples of the block, one under the
-    /// other from `first_row` on.
-    ///
-    /// # Panics
-    /// When it has less of the block than the film.
+    /// Puts what the device has of a block in place of the part of it that was there: rows of equal samples of the block,
+    /// one under the other from `first_row` on. Rows that have all of the block keep it, since that is the same.
     pub fn put(&mut self, first_row: u32, block: u32, bands: &[(u32, u32)], pixels: Vec<FilmPixel>) {
-        let rows: u32 = bands.iter().map(|(rows, _)| rows).sum();
-        self.cut(first_row);
-        self.cut(first_row + rows);
-        for strip in &mut self.strips {
-            if strip.first_row >= first_row && strip.first_row < first_row + rows {
-                strip.runs.retain(|run| (run.first, run.blocks) != (block, 1) || matches!(run.sums, Sums::Whole(_)));
-            }
-        }
-        self.join();
-        let mut rest = pixels;
+        let (width, size) = (self.width as usize, self.block_samples);
         let mut row = first_row;
         for &(rows, samples) in bands {
-            let below = rest.split_off((rows as usize * self.width as usize).min(rest.len()));
-            let sums = Sums::Open(std::mem::replace(&mut rest, below));
+            let end = row + rows;
             self.cut(row);
-            self.cut(row + rows);
-            if samples > 0 {
-                let size = self.block_samples;
-                let run = Run { first: block, blocks: 1, samples, sums };
-                let inserted = self.strip(row).insert(run, size);
-                inserted.expect("the device takes what is missing");
+            self.cut(end);
+            for strip in self.strips.iter_mut().filter(|strip| (row..end).contains(&strip.first_row)) {
+                strip.runs.retain(|run| run.first != block || matches!(run.sums, Sums::Whole(_)));
+                if samples == 0 || strip.runs.iter().any(|run| run.first <= block && block < run.end()) {
+                    continue;
+                }
+                let first = (strip.first_row - first_row) as usize * width;
+                let of_strip = first..first + strip.rows as usize * width;
+                // There are none where the sums stay on the device.
+                let pixels = pixels.get(of_strip).unwrap_or_default().to_vec();
+                let run = Run { first: block, blocks: 1, samples, sums: Sums::Open(pixels) };
+                strip.insert(run, size).expect("the block is not there");
             }
-            row += rows;
+            row = end;
         }
-        self.join();
+        self.join_within(first_row..row);
     }
 
     /// Takes the sums of the rows from `first_row` on out of the film, which keeps what samples they had.
@@ -432,12 +425,13 @@ impl Film {
     }
 
     /// relMSE of the image by the difference of two halves of its samples, of which the second begins at a number: the
-    /// mean over pixels and channels of (a - b)² / 4 over m² + 0.01, where a and b are the means of the halves and m that of
-    /// all. The halves are independent, so that is on average what the mean of both is off by, whatever the sampler. `None`
-    /// where a pixel has no sample in one of them, or more in one than in the other.
+    /// mean over pixels and channels of (a - b)² / 4 over n² + 0.01, where a and b are the means of the halves and n that of
+    /// the pixels around. The halves are independent, so that the square is on average what the mean of both is off by,
+    /// whatever the sampler. The pixel's own mean would be no measure of it: a stray bright sample would excuse itself.
+    /// `None` where a pixel has no sample in one of them, or more in one than in the other.
     pub fn error_by_halves(&self, second: u32) -> Option<f64> {
         let second = second / self.block_samples;
-        let mut error = 0.0;
+        let mut pixels: Vec<(DVec3, DVec3)> = Vec::with_capacity(self.width as usize * self.height as usize);
         for strip in &self.strips {
             let (first, last) = strip.runs.split_at(strip.runs.partition_point(|run| run.first < second));
             let samples = |runs: &[Run]| runs.iter().map(|run| run.samples).sum::<u32>();
@@ -445,23 +439,35 @@ impl Film {
                 return None;
             }
             let scale = self.radiance_scale * f64::from(samples(first));
-            let mean = |runs: &[Run], pixel| total(runs, pixel).sum.map(|sum| sum / scale);
+            let mean = |runs: &[Run], pixel| DVec3::from_array(total(runs, pixel).sum) / scale;
             let of_pixel = |pixel| {
                 let (a, b) = (mean(first, pixel), mean(last, pixel));
-                (0..3)
-                    .map(|channel| {
-                        let all = 0.5 * (a[channel] + b[channel]);
-                        (0.5 * (a[channel] - b[channel])).powi(2) / (all * all + DARK)
-                    })
-                    .sum::<f64>()
+                (0.5 * (a + b), 0.25 * (a - b) * (a - b))
             };
             let count = strip.rows as usize * self.width as usize;
             let parts = parallel::map(count.div_ceil(PART), &|part| {
-                (part * PART..count.min((part + 1) * PART)).map(of_pixel).sum::<f64>()
+                (part * PART..count.min((part + 1) * PART)).map(of_pixel).collect::<Vec<_>>()
             });
-            error += parts.iter().sum::<f64>();
+            pixels.extend(parts.into_iter().flatten());
         }
-        Some(error / (3.0 * f64::from(self.width) * f64::from(self.height)))
+        let (width, height) = (self.width as usize, self.height as usize);
+        let of_row = |y: usize| {
+            let of_pixel = |x: usize| {
+                let (mut around, mut count) = (DVec3::ZERO, 0.0);
+                for y in y.saturating_sub(1)..height.min(y + 2) {
+                    for x in x.saturating_sub(1)..width.min(x + 2) {
+                        around += pixels[y * width + x].0;
+                        count += 1.0;
+                    }
+                }
+                let (own, squared) = pixels[y * width + x];
+                let around = if count > 1.0 { (around - own) / (count - 1.0) } else { own };
+                (squared / (around * around + DARK)).element_sum()
+            };
+            (0..width).map(of_pixel).sum::<f64>()
+        };
+        let rows = parallel::map(height, &of_row);
+        Some(rows.iter().sum::<f64>() / (3 * width * height) as f64)
     }
 
     /// Adds the samples of another part of the same render.
@@ -536,12 +542,19 @@ impl Film {
         self.strips.insert(place, strip);
     }
 
-    /// Joins rows that have the same samples, which [`Film::rows_from`] may have parted.
+    /// Joins rows that have the same samples.
     pub fn join(&mut self) {
+        self.join_within(0..self.height);
+    }
+
+    /// Joins those rows that have the same samples.
+    fn join_within(&mut self, rows: Range<u32>) {
         let mut joined: Vec<Strip> = Vec::with_capacity(self.strips.len());
         for strip in std::mem::take(&mut self.strips) {
             match joined.last_mut() {
-                Some(above) if is_same(above, &strip) => {
+                Some(above)
+                    if rows.contains(&above.first_row) && rows.contains(&strip.first_row) && is_same(above, &strip) =>
+                {
                     above.rows += strip.rows;
                     for (run, below) in above.runs.iter_mut().zip(strip.runs) {
                         run.sums.append(below.sums);
@@ -552,6 +565,12 @@ impl Film {
         }
         self.strips = joined;
     }
+}
+
+/// Whether rows have the same samples, and the sums of either are here or are not.
+fn is_same(above: &Strip, below: &Strip) -> bool {
+    let spans = |strip: &Strip| strip.runs.iter().map(Run::span).collect::<Vec<_>>();
+    spans(above) == spans(below) && above.is_taken() == below.is_taken()
 }
 
 /// The sums of a pixel over some runs, from the first to the last.
@@ -565,10 +584,4 @@ fn total(runs: &[Run], pixel: usize) -> PixelSums {
         sums
     };
     sums.reduce(add).unwrap_or(PixelSums::zeroed())
-}
-
-/// Whether rows have the same samples, and the sums of either are here or are not.
-fn is_same(above: &Strip, below: &Strip) -> bool {
-    let spans = |strip: &Strip| strip.runs.iter().map(Run::span).collect::<Vec<_>>();
-    spans(above) == spans(below) && above.is_taken() == below.is_taken()
 }

@@ -381,7 +381,10 @@ impl Session {
             row = rows.end;
         }
         kept.film_mut().join();
-        Ok(kept.statistics.clone().unwrap_or_else(|| self.nothing()))
+        // Where there was nothing left to render, the film is told of as it was.
+        let statistics = kept.statistics.clone().unwrap_or_else(|| self.nothing());
+        kept.keep(statistics.clone());
+        Ok(kept.statistics.clone().unwrap_or(statistics))
     }
 
     /// Renders what a tile lacks of a block.

@@ -548,14 +548,20 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
     } else {
         String::new()
     };
+    let speeds = match statistics.sample_count {
+        0 => "nothing was left to render".to_owned(),
+        samples => format!(
+            "{seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s",
+            samples as f64 / seconds / 1e6,
+            statistics.rays() as f64 / seconds / 1e6
+        ),
+    };
     tell!(
-        "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s, pixels {}{tuned}",
+        "{}: {}x{}, {} samples per pixel{part}, {speeds}, pixels {}{tuned}",
         arguments.output.as_ref().or(arguments.film.film.as_ref()).expect("one of them is named").display(),
         settings.width,
         settings.height,
         statistics.samples,
-        statistics.sample_count as f64 / seconds / 1e6,
-        statistics.rays() as f64 / seconds / 1e6,
         &report.digest[..NAMED_DIGITS],
     );
     if let (Some(target), Some(error)) = (arguments.target_error, report.error) {

@@ -10,6 +10,7 @@ mod command_line;
 mod compare_study;
 mod diff;
 mod facts;
+mod films;
 mod labels;
 mod outputs;
 mod selftest;
