@@ -12,6 +12,7 @@ mod diff;
 mod facts;
 mod labels;
 mod outputs;
+mod progress;
 mod selftest;
 mod trace;
 mod tradeoff_study;
