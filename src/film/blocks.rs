@@ -160,8 +160,9 @@ impl Strip {
 
     /// Adds a run, and joins what has become an aligned run.
     ///
-    /// A block that is not full yields to one that has more of it.
-    fn insert(&mut self, run: Run, block_samples: u32) -> Result<(), Range<u32>> {
+    /// A block that is not full yields to one that has more of it. Of two full runs that meet one holds all blocks of the
+    /// other, for their lengths are powers of two and they are aligned.
+    fn insert(&mut self, run: Run, block_samples: u32, overlap: Overlap) -> Result<(), Range<u32>> {
         let full = run.blocks * block_samples == run.samples;
         let run = if full { Run { sums: Sums::Whole(run.sums.whole()), ..run } } else { run };
         let taken = |other: &Run| other.first < run.end() && run.first < other.end();
@@ -172,10 +173,14 @@ impl Strip {
                 (true, false) => return Ok(()),
                 (true, true) if run.samples <= other.samples => return Ok(()),
                 (_, true) => {}
-                (false, false) => return Err(run.first.max(other.first)..run.end().min(other.end())),
+                (false, false) if overlap == Overlap::Refused => {
+                    return Err(run.first.max(other.first)..run.end().min(other.end()));
+                }
+                (false, false) if run.blocks <= other.blocks => return Ok(()),
+                (false, false) => {}
             }
             self.runs.remove(place);
-            return self.insert(run, block_samples);
+            return self.insert(run, block_samples, overlap);
         }
         let mut place = self.runs.partition_point(|other| other.first < run.first);
         self.runs.insert(place, run);
@@ -223,6 +228,15 @@ pub struct Missing {
     pub from: u32,
     /// As above.
     pub to: u32,
+}
+
+/// What becomes of blocks that both of two films have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Overlap {
+    /// They are an error: some work was done twice.
+    Refused,
+    /// They are taken from one of the films: a block has the same sums whoever renders it.
+    Once,
 }
 
 /// Two films that have a block in common, or that are of other sizes.
@@ -364,7 +378,7 @@ impl Film {
                 // There are none where the sums stay on the device.
                 let pixels = pixels.get(of_strip).unwrap_or_default().to_vec();
                 let run = Run { first: block, blocks: 1, samples, sums: Sums::Open(pixels) };
-                strip.insert(run, size).expect("the block is not there");
+                strip.insert(run, size, Overlap::Refused).expect("the block is not there");
             }
             row = end;
         }
@@ -473,8 +487,8 @@ impl Film {
     /// Adds the samples of another part of the same render.
     ///
     /// # Errors
-    /// Where both have a block, or they are no parts of one image. The film is then of no use.
-    pub fn merge(&mut self, part: Self) -> Result<(), MergeError> {
+    /// Where both have a block and that is refused, or they are no parts of one image. The film is then of no use.
+    pub fn merge(&mut self, part: Self, overlap: Overlap) -> Result<(), MergeError> {
         let shape = |film: &Self| (film.width, film.height, film.block_samples, film.radiance_scale.to_bits());
         if shape(self) != shape(&part) {
             return Err(MergeError::Differ);
@@ -488,7 +502,7 @@ impl Film {
         let size = self.block_samples;
         for (strip, other) in self.strips.iter_mut().zip(part.strips) {
             for run in other.runs {
-                strip.insert(run, size).map_err(MergeError::Overlap)?;
+                strip.insert(run, size, overlap).map_err(MergeError::Overlap)?;
             }
         }
         self.join();

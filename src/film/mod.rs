@@ -11,7 +11,7 @@ use glam::{DVec3, Vec3};
 
 use crate::image::Image;
 
-pub use blocks::{Film, MergeError, Missing, PixelSums, Run, Strip, Sums, block_range};
+pub use blocks::{Film, MergeError, Missing, Overlap, PixelSums, Run, Strip, Sums, block_range};
 pub use file::{FilmError, FilmFile, FilmLock, read_film, write_film};
 
 /// Raw moments of the radiance samples of every pixel, taken to be independent between samples

@@ -34,9 +34,20 @@ impl Session {
         loop {
             self.take_samples(samples);
             let error = before.map(|(_, error)| error);
+            // What independent samples would take, at most all.
+            let total = |of_round: &Progress<'_>| match (error, target) {
+                (Some(error), Some(target)) => {
+                    let all = of_round.samples_total / u64::from(samples) * u64::from(most);
+                    let before = before.map_or(samples, |(samples, _)| samples);
+                    let of_pixel = f64::from(before) * error / target;
+                    let needed = of_round.samples_total as f64 / f64::from(samples) * of_pixel;
+                    (needed as u64).clamp(of_round.samples_total, all.max(of_round.samples_total))
+                }
+                _ => of_round.samples_total,
+            };
             let mut ended = false;
             let statistics = self.go_on(kept, |of_round| {
-                let flow = progress(&Progress { error, ..*of_round });
+                let flow = progress(&Progress { error, samples_total: total(of_round), ..*of_round });
                 ended = flow.is_break();
                 flow
             })?;

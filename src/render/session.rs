@@ -34,7 +34,9 @@ pub struct Progress<'a> {
     pub samples_done: u64,
     /// Samples to do, over all pixels.
     pub samples_total: u64,
-    /// Rays traced, of all classes, by the latest look at the device's counts.
+    /// Samples of those done that were taken in the time elapsed; the others were in the film from the start.
+    pub samples_taken: u64,
+    /// Rays traced in the time elapsed, of all classes, by the latest look at the device's counts.
     pub rays: u64,
     /// Since the first batch.
     pub elapsed: Duration,
@@ -791,10 +793,12 @@ impl UnderWay {
     }
 
     fn progress<'a>(&self, looked: Option<&'a Kept>) -> Progress<'a> {
+        let taken = self.before.sample_count + self.taken;
         Progress {
             samples_done: self.done,
             samples_total: self.total,
-            rays: (self.done as f64 * self.rays_per_sample) as u64,
+            samples_taken: taken,
+            rays: (taken as f64 * self.rays_per_sample) as u64,
             elapsed: self.before.wall_time + self.start.elapsed(),
             error: None,
             looked,

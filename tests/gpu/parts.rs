@@ -4,7 +4,7 @@ use std::ops::{ControlFlow, Range};
 use std::time::Duration;
 
 use crate::common::{assert_silent, device, own_scene, prepare, tries};
-use raywave::film::{Film, MergeError};
+use raywave::film::{Film, MergeError, Overlap};
 use raywave::gpu::Device;
 use raywave::render::{Ending, Kept, PreparedScene, Progress, Session, SessionOptions};
 use raywave::settings::{Integrator, Sampler, Scheduler, Settings};
@@ -90,7 +90,7 @@ fn parts_are_the_whole_to_the_bit() {
                 let turn = case as usize % parts.len();
                 parts.rotate_left(turn);
                 let merged = parts.into_iter().reduce(|mut film, part| {
-                    film.merge(part).expect("they have no block in common");
+                    film.merge(part, Overlap::Refused).expect("they have no block in common");
                     film
                 });
                 assert!(merged == Some(whole.clone()), "{name}, {integrator:?}: cut at {first} and {second}");
@@ -241,6 +241,34 @@ fn rounds_end_at_the_error_that_is_asked_for() {
 }
 
 #[test]
+fn what_parts_have_in_common_counts_once() {
+    let device = device();
+    let scene = own_scene("cornell-box");
+    let settings =
+        Settings { width: WIDTH, height: HEIGHT, samples: SAMPLES, block_samples: Some(BLOCK), ..scene.settings };
+    let prepared = prepare(&device, &scene, &settings);
+    let part = |blocks| part(&device, &prepared, &settings, HEIGHT, blocks);
+    let whole = part(0..BLOCKS);
+    // One that was broken off within a block, so that its upper rows have more.
+    let few = Settings { samples: 20, in_flight: Some(4 * 3 * WIDTH), ..settings };
+    let mut broken = Kept::every(Duration::ZERO);
+    go_on(&device, &prepared, &few, HEIGHT, &mut broken, 0..3, 9);
+    let broken = broken.film().expect("it has begun").clone();
+    assert!(broken.strips().len() > 1, "rows differ");
+    let parts = [part(0..5), part(3..8), part(4..6), part(7..BLOCKS), part(2..3), broken];
+    for turn in 0..parts.len() {
+        let mut turned = parts.clone();
+        turned.rotate_left(turn);
+        let merged = turned.into_iter().reduce(|mut film, part| {
+            film.merge(part, Overlap::Once).expect("they are parts of one image");
+            film
+        });
+        assert!(merged.as_ref() == Some(&whole), "from part {turn} on");
+    }
+    assert_silent(&device);
+}
+
+#[test]
 fn what_both_parts_have_is_refused() {
     let device = device();
     let scene = own_scene("cornell-box");
@@ -248,13 +276,13 @@ fn what_both_parts_have_is_refused() {
     let prepared = prepare(&device, &scene, &settings);
     let part = |blocks| part(&device, &prepared, &settings, HEIGHT, blocks);
     let mut film = part(0..4);
-    assert_eq!(film.clone().merge(part(2..6)), Err(MergeError::Overlap(2..4)));
+    assert_eq!(film.clone().merge(part(2..6), Overlap::Refused), Err(MergeError::Overlap(2..4)));
     assert_eq!(film.gaps(&(0..64)), [4..8]);
-    film.merge(part(6..8)).expect("they have no block in common");
+    film.merge(part(6..8), Overlap::Refused).expect("they have no block in common");
     assert_eq!(film.gaps(&(0..64)), [4..6]);
     let other = Settings { block_samples: Some(16), ..settings };
     let mut kept = Kept::default();
     go_on(&device, &prepared, &other, HEIGHT, &mut kept, 2..3, usize::MAX);
-    assert_eq!(film.merge(kept.film().expect("it has rendered").clone()), Err(MergeError::Differ));
+    assert_eq!(film.merge(kept.film().expect("it has rendered").clone(), Overlap::Refused), Err(MergeError::Differ));
     assert_silent(&device);
 }

@@ -20,6 +20,7 @@ mod image;
 mod info;
 mod merge;
 pub mod picture;
+mod progress;
 mod render;
 mod replay;
 mod selftest;
@@ -109,7 +110,9 @@ pub fn main() -> ExitCode {
         }
     };
     let result = match arguments.command {
-        Command::Render(arguments) => render::run(&arguments),
+        Command::Render(arguments) => {
+            render::run(&arguments).inspect_err(|error| arguments.progress.tell_failure(error))
+        }
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Image(arguments) => image::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),

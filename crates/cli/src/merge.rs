@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 
-use raywave::film::{Film, FilmLock, MergeError, block_range, write_film};
+use raywave::film::{Film, FilmLock, MergeError, Overlap, block_range, write_film};
 use raywave::image::check_output;
 use raywave_studies::lab::AboutFilm;
 
@@ -25,6 +25,9 @@ pub struct MergeArguments {
     /// Write what there is, even if blocks are missing
     #[arg(long)]
     partial: bool,
+    /// Take blocks that several parts have once: they are the same in all, as where work was done again
+    #[arg(long)]
+    overlapping: bool,
     #[command(flatten)]
     encoding: Encoding,
     /// No summary
@@ -42,6 +45,7 @@ pub fn run(arguments: &MergeArguments) -> anyhow::Result<()> {
     }
     // What another process renders into is not replaced.
     let _lock = if to_film { Some(FilmLock::new(output)?) } else { None };
+    let overlap = if arguments.overlapping { Overlap::Once } else { Overlap::Refused };
     let mut whole: Option<(Film, AboutFilm, &PathBuf)> = None;
     for path in &arguments.parts {
         let (part, about) = read(path)?;
@@ -51,10 +55,10 @@ pub fn run(arguments: &MergeArguments) -> anyhow::Result<()> {
                 if let Err(other) = ours.check_same_render(&about) {
                     bail!("{} and {}: they are of different renders: {other}", first.display(), path.display());
                 }
-                match film.merge(part) {
+                match film.merge(part, overlap) {
                     Ok(()) => {}
                     Err(MergeError::Overlap(blocks)) => bail!(
-                        "{}: the parts before it have {} as well; leave one of them out, or render without that by --blocks",
+                        "{}: the parts before it have {} as well; leave one of them out, or add --overlapping to take them once",
                         path.display(),
                         block_range(&blocks)
                     ),

@@ -1,6 +1,5 @@
 //! `raywave render`.
 
-use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -8,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
 use glam::Vec3;
-use indicatif::{HumanCount, ProgressBar, ProgressStyle};
+use indicatif::HumanCount;
 use serde_json::{Map, Value, json};
 
 use raywave::clocks::{self, ClockState};
@@ -30,6 +29,7 @@ use raywave_studies::studies::CompiledKernelRow;
 
 use super::film::{Blocks, FilmArguments, FilmOnDisk};
 use super::picture::PictureArguments;
+use super::progress::{ProgressKind, Teller};
 use super::tradeoff::duration;
 use super::{
     check_text_output, compiled, load_scene, open_device_with, output_path, stop_on_interrupt, trace, warn_unless,
@@ -73,7 +73,10 @@ pub struct RenderArguments {
     /// Submissions after which the device counts as lost: the first one, the one that is opened then
     #[arg(long, value_name = "SUBMISSIONS", value_delimiter = ',', hide = true)]
     lose_device: Vec<u64>,
-    /// No progress, warnings or summary
+    /// How to tell how far the render is, about once a second and at its end
+    #[arg(long, value_name = "KIND", default_value = "bar")]
+    pub progress: ProgressKind,
+    /// No bar, warnings or summary
     #[arg(long, short)]
     quiet: bool,
 }
@@ -165,6 +168,10 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         for (other, taken) in &named {
             ensure!(!whole_file::is_same(path, taken)?, "{}: {flag} and {other} name the same file", path.display());
         }
+        ensure!(
+            !(arguments.progress.is_on_stdout() && whole_file::is_stdout(path)),
+            "{flag} and --progress both go to stdout; write to a file, or take --progress bar"
+        );
         named.push((flag, path));
     }
     let stages = if arguments.trace.is_some() { Stages::kept() } else { Stages::default() };
@@ -208,7 +215,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
 
     let interrupted = stop_on_interrupt("writing the samples that are done; Ctrl-C again gives them up")?;
     let mut interrupted_at = None;
-    let bar = progress_bar(arguments.quiet, settings.samples);
+    let mut teller = Teller::new(arguments.progress, arguments.quiet, settings.samples);
     let description = device.description().clone();
     let every = arguments.keep_every.map_or(Kept::EVERY, Duration::from_secs_f64);
     let mut kept = match &mut film {
@@ -218,7 +225,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let mut warn = warn_unless(arguments.quiet);
     let about = |statistics: &Statistics| AboutFilm::new(&scene, &settings, &description, statistics);
     let mut progress = |progress: &Progress<'_>| {
-        show(&bar, progress);
+        teller.show(progress);
         if let (Some(film), Some(kept)) = (&mut film, progress.looked) {
             if let Err(error) = film.save_if_due(kept, about) {
                 warn(&format!("{error:#}; the render goes on without"));
@@ -271,7 +278,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         });
     }
     let clocks_after = state();
-    bar.finish_and_clear();
+    teller.end(kept.statistics());
     // The image is worth more than what ended it early.
     let (statistics, failure) = match (rendered, kept.statistics()) {
         (Ok(statistics), _) => (statistics, None),
@@ -370,32 +377,6 @@ impl Picture {
         self.pixels.resize(settings.width as usize * settings.height as usize, Vec3::NAN);
         (Image::new(settings.width, settings.height, self.pixels), self.mean.mean())
     }
-}
-
-fn progress_bar(quiet: bool, samples: u32) -> ProgressBar {
-    if quiet || !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let style = ProgressStyle::with_template("{wide_bar} {percent}% of {msg}, {eta} left")
-        .expect("the template is well formed");
-    ProgressBar::new(1).with_style(style).with_message(format!("{samples} samples"))
-}
-
-fn show(bar: &ProgressBar, progress: &Progress) {
-    if bar.is_hidden() {
-        return;
-    }
-    let seconds = progress.elapsed.as_secs_f64().max(1e-9);
-    let (samples, rays) = (progress.samples_done as f64 / seconds, progress.rays as f64 / seconds);
-    bar.set_length(progress.samples_total);
-    bar.set_position(progress.samples_done);
-    let error = progress.error.map_or(String::new(), |error| format!(", relMSE {error:.1e}"));
-    bar.set_message(format!(
-        "{} samples, {:.2} M samples/s, {:.2} M rays/s{error}",
-        HumanCount(progress.samples_total),
-        samples / 1e6,
-        rays / 1e6
-    ));
 }
 
 /// All that belongs to a result.

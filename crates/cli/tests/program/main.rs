@@ -13,6 +13,7 @@ mod facts;
 mod films;
 mod labels;
 mod outputs;
+mod progress;
 mod selftest;
 mod trace;
 mod tradeoff_study;
