@@ -24,6 +24,7 @@ mod rounds;
 mod schedule;
 mod session;
 mod statistics;
+mod together;
 mod traced;
 mod warm_up;
 
@@ -42,5 +43,6 @@ pub use renderer::Renderer;
 pub use replay::{FrozenRays, Replay, ReplayOutcome, distances};
 pub use session::{Ending, Progress, Session, SessionOptions};
 pub use statistics::{Outcome, Statistics};
+pub use together::render_together;
 pub use traced::{DeviceTrace, Purpose, QueueLengths, TracedBatch};
 pub use warm_up::{WarmUp, Warmth};

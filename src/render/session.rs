@@ -365,8 +365,7 @@ impl Session {
             self.plan.pixels() * wanted.iter().map(|samples| u64::from(samples.end - samples.start)).sum::<u64>();
         let before = kept.statistics.clone().unwrap_or_else(|| self.nothing());
         let mut under_way = UnderWay::new(before, done, total);
-        self.sample_pace(|| progress(&under_way.progress(None)).is_continue())?;
-        self.clear()?;
+        self.begin(|| progress(&under_way.progress(None)).is_continue())?;
         self.gather_trace();
         if let Some(tracing) = &mut self.tracing {
             tracing.begin_render();
@@ -395,16 +394,84 @@ impl Session {
         kept: &mut Kept,
         under_way: &mut UnderWay,
         tile: Tile,
-        Missing { block, from, to }: Missing,
+        missing: Missing,
         reads: Reads,
         progress: &mut impl FnMut(&Progress<'_>) -> ControlFlow<Ending>,
     ) -> Result<Option<Ending>, RenderError> {
+        self.restore(tile, kept.film_mut().begun(tile.first_row, missing.block))?;
+        let width = self.plan.width;
+        let (taken, ending) = self.take_missing(tile, missing, |session, batch, taken| {
+            under_way.add(batch);
+            if under_way.counted.elapsed() > COUNT_INTERVAL {
+                let waiting = session.gathered.map_or(0, |batch| batch.paths().into());
+                under_way.count(&session.counts()?.rays, waiting);
+            }
+            let begun = Instant::now();
+            let looks = taken.is_of_rows(width) && reads == Reads::Film && kept.is_due();
+            if looks {
+                session.look(kept, under_way, tile, missing.block, taken, reads)?;
+            }
+            let ending = progress(&under_way.progress(looks.then_some(&*kept))).break_value();
+            if looks {
+                (kept.at, kept.cost) = (Instant::now(), begun.elapsed());
+            }
+            Ok(ending)
+        })?;
+        self.look(kept, under_way, tile, missing.block, taken, reads)?;
+        Ok(ending)
+    }
+
+    /// Renders a part of a block that another film lacks, and returns which samples its rows have, and the device's film.
+    pub(super) fn render_unit(
+        &mut self,
+        tile: Tile,
+        missing: Missing,
+        begun: &[FilmPixel],
+        mut goes_on: impl FnMut(SampleRange) -> bool,
+    ) -> Result<(Taken, Vec<FilmPixel>), RenderError> {
+        self.restore(tile, begun)?;
+        let after = |_: &mut Self, batch, _| Ok((!goes_on(batch)).then_some(Ending::Now));
+        let (taken, _) = self.take_missing(tile, missing, after)?;
+        Ok((taken, self.film(tile)?))
+    }
+
+    /// What the session has cost since [`Session::begin`].
+    pub(super) fn cost(&mut self, taken: u64, wall_time: Duration) -> Result<Statistics, RenderError> {
+        self.executor.wait()?;
+        let counts = self.counts()?;
+        let under_way = UnderWay { taken, ..UnderWay::new(self.nothing(), 0, 0) };
+        self.statistics(counts, &under_way, wall_time)
+    }
+
+    /// Samples the pace and begins to count.
+    pub(super) fn begin(&mut self, goes_on: impl FnMut() -> bool) -> Result<(), GpuError> {
+        self.sample_pace(goes_on)?;
+        self.clear()
+    }
+
+    /// The samples that renders take, by number.
+    pub(super) fn wanted(&self) -> &[Range<u32>] {
+        &self.wanted
+    }
+
+    /// Puts what there is of a block in a tile on the device.
+    fn restore(&mut self, tile: Tile, begun: &[FilmPixel]) -> Result<(), GpuError> {
         let mut recording = Recording::default();
-        match kept.film_mut().begun(tile.first_row, block) {
+        match begun {
             [] => recording.clear(buffers::FILM),
             begun => recording.upload(buffers::FILM, bytemuck::cast_slice(&begun[..self.pixels_of(tile)])),
         };
         self.executor.run(&recording)?;
+        Ok(())
+    }
+
+    /// Takes the samples that a tile lacks of a block, batch after batch, until `after` a batch says how to end.
+    fn take_missing(
+        &mut self,
+        tile: Tile,
+        Missing { from, to, .. }: Missing,
+        mut after: impl FnMut(&mut Self, SampleRange, Taken) -> Result<Option<Ending>, RenderError>,
+    ) -> Result<(Taken, Option<Ending>), RenderError> {
         let mut taken = Taken { samples: from, ..Taken::default() };
         let mut ending = None;
         while let Some(batch) = self.next_batch(tile, taken, to)? {
@@ -412,27 +479,13 @@ impl Session {
             self.render_batch(work)?;
             self.learn();
             taken.add(batch, tile.rows * self.plan.width);
-            under_way.add(batch);
-            if under_way.counted.elapsed() > COUNT_INTERVAL {
-                let waiting = self.gathered.map_or(0, |batch| batch.paths().into());
-                under_way.count(&self.counts()?.rays, waiting);
-            }
-            let begun = Instant::now();
+            ending = after(self, batch, taken)?;
             let of_rows = taken.is_of_rows(self.plan.width);
-            let looks = of_rows && reads == Reads::Film && kept.is_due();
-            if looks {
-                self.look(kept, under_way, tile, block, taken, reads)?;
-            }
-            ending = progress(&under_way.progress(looks.then_some(&*kept))).break_value();
-            if looks {
-                (kept.at, kept.cost) = (Instant::now(), begun.elapsed());
-            }
             if ending == Some(Ending::Even) && taken.pixels == 0 || ending == Some(Ending::Now) && of_rows {
                 break;
             }
         }
-        self.look(kept, under_way, tile, block, taken, reads)?;
-        Ok(ending)
+        Ok((taken, ending))
     }
 
     /// Takes down what the device has of a block in a tile, and what the render has cost.
@@ -459,7 +512,7 @@ impl Session {
     }
 
     /// The film of an image of which there is nothing.
-    fn empty_film(&self) -> Film {
+    pub(super) fn empty_film(&self) -> Film {
         Film::new(self.plan.width, self.plan.height, self.settings.block_samples(), self.radiance_scale)
     }
 
@@ -740,7 +793,7 @@ impl Session {
 }
 
 /// Counts that go on from those of an earlier session, if there was one.
-fn sums<T>(mut counts: Vec<T>, before: &[T], plus: impl Fn(&T, &T) -> T) -> Vec<T> {
+pub(super) fn sums<T>(mut counts: Vec<T>, before: &[T], plus: impl Fn(&T, &T) -> T) -> Vec<T> {
     counts.iter_mut().zip(before).for_each(|(count, before)| *count = plus(count, before));
     counts
 }

@@ -5,6 +5,8 @@ use std::time::Duration;
 
 use super::defaults::Choices;
 use super::plan::Band;
+use super::session::sums;
+use crate::constants::TRACED_SAMPLES;
 use crate::film::FilmMoments;
 use crate::gpu::{Idle, KernelTime};
 use crate::image::Image;
@@ -80,6 +82,32 @@ impl Statistics {
         Self {
             samples: self.bands.iter().map(|band| band.samples).min().unwrap_or(0),
             rows: self.bands.iter().map(|band| band.rows).sum(),
+            ..self
+        }
+    }
+
+    /// This cost and that of another device that rendered beside it.
+    pub(super) fn beside(mut self, other: &Self) -> Self {
+        let mut nonfinite_traced = [self.nonfinite_traced, other.nonfinite_traced.clone()].concat();
+        nonfinite_traced.sort_unstable();
+        nonfinite_traced.truncate(TRACED_SAMPLES as usize);
+        for (pass, time) in &other.passes {
+            let total = self.passes.entry(*pass).or_default();
+            total.seconds += time.seconds;
+            total.launches += time.launches;
+        }
+        Self {
+            sample_count: self.sample_count + other.sample_count,
+            camera_rays: self.camera_rays + other.camera_rays,
+            bounce_rays: self.bounce_rays + other.bounce_rays,
+            shadow_rays: self.shadow_rays + other.shadow_rays,
+            nonfinite_samples: self.nonfinite_samples + other.nonfinite_samples,
+            nonfinite_traced,
+            wall_time: self.wall_time.max(other.wall_time),
+            gpu_seconds: self.gpu_seconds + other.gpu_seconds,
+            ray_counts: sums(self.ray_counts, &other.ray_counts, RayCount::plus),
+            work_counts: sums(self.work_counts, &other.work_counts, WorkCount::plus),
+            memory_bytes: self.memory_bytes + other.memory_bytes,
             ..self
         }
     }

@@ -32,6 +32,7 @@ mod schedulers;
 mod specialize;
 mod stability;
 mod tiles;
+mod together;
 mod traversal;
 mod variants;
 mod workload;

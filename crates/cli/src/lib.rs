@@ -305,6 +305,25 @@ fn open_device_with(wanted: Option<&str>, tools: Tools) -> anyhow::Result<Device
     Ok(Device::open_with_cache(&instance, description, cache_folder().as_deref())?)
 }
 
+/// Opens those devices, or all that can be used.
+fn open_devices(list: &str, tools: Tools) -> anyhow::Result<Vec<Device>> {
+    let instance = Arc::new(Instance::with_tools(tools)?);
+    let descriptions = match list {
+        "all" => instance.devices()?.into_iter().filter(|device| device.unusable.is_none()).collect(),
+        list => list.split(',').map(|wanted| instance.choose(Some(wanted.trim()))).collect::<Result<Vec<_>, _>>()?,
+    };
+    for (place, device) in descriptions.iter().enumerate() {
+        let again = descriptions[..place].iter().any(|before| before.is_same(device));
+        anyhow::ensure!(!again, "--devices {list} names {} twice", device.name);
+    }
+    // Says why there is none.
+    if descriptions.is_empty() {
+        instance.choose(None)?;
+    }
+    let open = |description| Ok(Device::open_with_cache(&instance, description, cache_folder().as_deref())?);
+    descriptions.into_iter().map(open).collect()
+}
+
 /// A flag that the first Ctrl-C raises, or whoever else asks the program to end, with words on what happens now. The second
 /// one ends the program. A process may ask for one after another: the last one counts.
 fn stop_on_interrupt(words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {

@@ -146,7 +146,8 @@ impl Figures {
 
     fn in_words(&self) -> String {
         let count = HumanCount(self.total);
-        format!("{count} samples, {:.2} M samples/s, {:.2} M rays/s", self.samples / 1e6, self.rays / 1e6)
+        let error = self.error.map_or(String::new(), |error| format!(", relMSE {error:.1e}"));
+        format!("{count} samples, {:.2} M samples/s, {:.2} M rays/s{error}", self.samples / 1e6, self.rays / 1e6)
     }
 
     /// The line, or lines, that tell of it.
@@ -159,6 +160,7 @@ impl Figures {
                 "eta_seconds": self.seconds_left(),
                 "samples_per_second": self.samples,
                 "rays_per_second": self.rays,
+                "relmse_by_halves": self.error,
             });
             return told.to_string();
         }

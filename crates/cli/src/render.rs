@@ -16,8 +16,8 @@ use raywave::film::{FilmMoments, ImageMean, MeanSum};
 use raywave::gpu::{Device, DeviceDescription, GpuError, Tools};
 use raywave::image::{Image, OutputFormat, WriteOptions, check_output, write_image};
 use raywave::render::{
-    Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Session, SessionOptions,
-    Statistics, find_faults,
+    Defaults, DeviceTrace, Ending, Fault, Kept, PreparedScene, Progress, RenderError, Renderer, Session,
+    SessionOptions, Statistics, find_faults, render_together,
 };
 use raywave::scene::Scene;
 use raywave::settings::{MAX_SAMPLES, SETTINGS, Settings};
@@ -32,8 +32,8 @@ use super::picture::PictureArguments;
 use super::progress::{ProgressKind, Teller};
 use super::tradeoff::duration;
 use super::{
-    check_text_output, compiled, load_scene, open_device_with, output_path, stop_on_interrupt, trace, warn_unless,
-    write_text,
+    check_text_output, compiled, load_scene, open_device_with, open_devices, output_path, stop_on_interrupt, trace,
+    warn_unless, write_text,
 };
 
 /// Render a scene to an image
@@ -46,6 +46,9 @@ pub struct RenderArguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     film: FilmArguments,
+    /// Devices that share the render, by numbers or parts of their names with commas between them, or all
+    #[arg(long, value_name = "all|LIST", conflicts_with_all = ["device", "trace", "time", "target_error"])]
+    devices: Option<String>,
     /// End after this time of rendering, with --samples as the most
     #[arg(long, value_name = "TIME", value_parser = duration)]
     time: Option<f64>,
@@ -182,7 +185,14 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let mut settings = arguments.picture.settings(&scene)?;
     arguments.ends_by(&mut settings)?;
     let mut film = FilmOnDisk::open(&arguments.film, &mut settings)?;
-    let mut device = open_device_with(arguments.picture.device(), tools.clone())?;
+    let mut others = match &arguments.devices {
+        Some(list) => open_devices(list, tools.clone())?,
+        None => Vec::new(),
+    };
+    let mut device = match others.is_empty() {
+        true => open_device_with(arguments.picture.device(), tools.clone())?,
+        false => others.remove(0),
+    };
     let measuring = stages.begin("measure device");
     let mut defaults = Defaults::of(&device)?;
     drop(measuring);
@@ -200,8 +210,28 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         Ok(session)
     };
     let session = start(&device)?;
+    let mut sessions = others
+        .iter()
+        .map(|device| {
+            let mut session = Renderer::new(device)?.session(&scene, &settings)?;
+            if let Some(Blocks(blocks)) = &arguments.film.blocks {
+                session.take_blocks(blocks.clone());
+            }
+            Ok(session)
+        })
+        .collect::<anyhow::Result<Vec<_>>>()?;
+    let mut description = device.description().clone();
+    for other in others.iter().map(Device::description) {
+        ensure!(
+            lab::is_portable(&settings) || other.cache_name() == device.description().cache_name(),
+            "{} and {} do not compute the same bits with --numerics native or --fast-math; leave these out, or take one device",
+            device.description().name,
+            other.name
+        );
+        description.name += &format!(" + {}", other.name);
+    }
     if let Some(film) = &film {
-        film.check(&AboutFilm::new(&scene, &settings, device.description(), &session.nothing()))?;
+        film.check(&AboutFilm::new(&scene, &settings, &description, &session.nothing()))?;
     }
     let compiled = match &arguments.stats {
         Some(_) => {
@@ -216,7 +246,6 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let interrupted = stop_on_interrupt("writing the samples that are done; Ctrl-C again gives them up")?;
     let mut interrupted_at = None;
     let mut teller = Teller::new(arguments.progress, arguments.quiet, settings.samples);
-    let description = device.description().clone();
     let every = arguments.keep_every.map_or(Kept::EVERY, Duration::from_secs_f64);
     let mut kept = match &mut film {
         Some(film) => film.begin(Kept::every(every.min(film.save_every()))),
@@ -239,6 +268,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         let waited = interrupted_at.get_or_insert_with(Instant::now).elapsed();
         ControlFlow::Break(if waited < EVEN_WITHIN { Ending::Even } else { Ending::Now })
     };
+    let shares = !sessions.is_empty();
     let by_rounds = arguments.time.is_some() || arguments.target_error.is_some();
     let mut picture = Picture::new(&settings)?;
     let clocks = clocks::of_device(device.description().uuid);
@@ -251,6 +281,14 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let mut go_on = |mut session: Session, kept: &mut Kept| -> anyhow::Result<Statistics> {
         most_passes.map_or(Ok(()), |most| session.keep_trace(most))?;
         let rendered = match () {
+            () if !sessions.is_empty() => {
+                let all = std::iter::once(session).chain(std::mem::take(&mut sessions)).collect();
+                let (ended, statistics) = render_together(all, kept, &mut progress);
+                return match ended.into_iter().find_map(Result::err) {
+                    None => Ok(statistics),
+                    Some(error) => Err(error.into()),
+                };
+            }
             () if by_rounds => {
                 session.go_on_by_rounds(kept, arguments.target_error, &mut progress).map(|(statistics, found)| {
                     error = found;
@@ -291,7 +329,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
             film.save(kept, about(&statistics))?;
             (kept.image(), kept.mean())
         }
-        None if by_rounds => {
+        None if by_rounds || shares => {
             let kept = kept.film().expect("it has rendered");
             (kept.image(), kept.mean())
         }
@@ -310,7 +348,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         scene: &scene,
         prepared: &prepared,
         settings: &settings,
-        device: device.description(),
+        device: &description,
         facts: &*facts::of(&device)?,
         exposure: arguments.encoding.exposure,
         faults: faults.as_deref().unwrap_or_default(),

@@ -256,6 +256,24 @@ fn a_signal_leaves_a_film_to_go_on_from() {
     }
 }
 
+/// On every device that there is: with one, nothing is shared, and the image is the same all the more.
+#[test]
+fn devices_share_a_render() {
+    let folder = inputs();
+    succeed(&folder, &format!("{RENDER} -o whole.exr"));
+    // Of all drivers that are installed, where the test's own environment names one.
+    let shared = |line: &str| {
+        let output = folder.command(&words(line)).env_remove("RAYWAVE_DEVICE").output().expect("the program starts");
+        assert!(output.status.success(), "{line}: {}", text(&output.stderr));
+    };
+    shared(&format!("{RENDER} --devices all -o shared.exr --film shared.film"));
+    assert_same(&folder, "shared.exr", "whole.exr");
+    shared(&format!("{RENDER} --devices 0 -o one.exr"));
+    assert_same(&folder, "one.exr", "whole.exr");
+    let said = refused(&folder, &format!("{RENDER} --devices 0,0 -o twice.exr"));
+    assert!(said.contains("twice"), "{said}");
+}
+
 #[test]
 fn time_and_error_end_a_render() {
     let folder = inputs();

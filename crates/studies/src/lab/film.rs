@@ -93,12 +93,16 @@ pub struct OtherRender {
     pub theirs: String,
 }
 
+/// Whether the image has the same bits on every device.
+pub fn is_portable(settings: &Settings) -> bool {
+    settings.numerics == Numerics::Portable && !settings.fast_math
+}
+
 impl AboutFilm {
     /// Of a render under way or at its end.
     pub fn new(scene: &Scene, settings: &Settings, device: &DeviceDescription, statistics: &Statistics) -> Self {
-        let is_portable = settings.numerics == Numerics::Portable && !settings.fast_math;
         let arithmetic =
-            if is_portable { "portable".to_owned() } else { format!("{}, {}", device.name, device.driver) };
+            if is_portable(settings) { "portable".to_owned() } else { format!("{}, {}", device.name, device.driver) };
         Self {
             samples: settings.samples,
             arithmetic,

@@ -12,7 +12,7 @@ mod start_up;
 mod tune;
 pub mod tuning;
 
-pub use film::{AboutFilm, Counters, OtherRender};
+pub use film::{AboutFilm, Counters, OtherRender, is_portable};
 pub use host::{cache_folder, sign};
 pub use kernels::compiled_kernels;
 pub use record::{record, samples_by_rows, settings_record};
