@@ -10,6 +10,7 @@
 mod buffer;
 mod clock;
 mod device;
+mod discovery;
 mod error;
 mod executables;
 mod executor;
@@ -27,6 +28,7 @@ mod times;
 
 pub use clock::Alignment;
 pub use device::Device;
+pub use discovery::{Discovery, Finding, Verdict};
 pub use error::GpuError;
 pub use executables::{CompiledKernel, Executable, Figure, FigureValue, Multiprocessors};
 pub use executor::{Executor, ExecutorDescription};
