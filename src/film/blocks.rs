@@ -356,35 +356,28 @@ impl Film {
         }
     }
 
-    /// Puts what the device has of a block in place of what was there: rows of equal samples of the block, one under the
-    /// other from `first_row` on.
-    ///
-    /// # Panics
-    /// When it has less of the block than the film.
+    /// Puts what the device has of a block in place of the part of it that was there: rows of equal samples of the block,
+    /// one under the other from `first_row` on. Rows that have all of the block keep it, since that is the same.
     pub fn put(&mut self, first_row: u32, block: u32, bands: &[(u32, u32)], pixels: Vec<FilmPixel>) {
-        let rows: u32 = bands.iter().map(|(rows, _)| rows).sum();
-        self.cut(first_row);
-        self.cut(first_row + rows);
-        for strip in &mut self.strips {
-            if strip.first_row >= first_row && strip.first_row < first_row + rows {
-                strip.runs.retain(|run| (run.first, run.blocks) != (block, 1) || matches!(run.sums, Sums::Whole(_)));
-            }
-        }
-        self.join();
-        let mut rest = pixels;
+        let (width, size) = (self.width as usize, self.block_samples);
         let mut row = first_row;
         for &(rows, samples) in bands {
-            let below = rest.split_off((rows as usize * self.width as usize).min(rest.len()));
-            let sums = Sums::Open(std::mem::replace(&mut rest, below));
+            let end = row + rows;
             self.cut(row);
-            self.cut(row + rows);
-            if samples > 0 {
-                let size = self.block_samples;
-                let run = Run { first: block, blocks: 1, samples, sums };
-                let inserted = self.strip(row).insert(run, size, Overlap::Refused);
-                inserted.expect("the device takes what is missing");
+            self.cut(end);
+            for strip in self.strips.iter_mut().filter(|strip| (row..end).contains(&strip.first_row)) {
+                strip.runs.retain(|run| run.first != block || matches!(run.sums, Sums::Whole(_)));
+                if samples == 0 || strip.runs.iter().any(|run| run.first <= block && block < run.end()) {
+                    continue;
+                }
+                let first = (strip.first_row - first_row) as usize * width;
+                let of_strip = first..first + strip.rows as usize * width;
+                // There are none where the sums stay on the device.
+                let pixels = pixels.get(of_strip).unwrap_or_default().to_vec();
+                let run = Run { first: block, blocks: 1, samples, sums: Sums::Open(pixels) };
+                strip.insert(run, size, Overlap::Refused).expect("the block is not there");
             }
-            row += rows;
+            row = end;
         }
         self.join();
     }
