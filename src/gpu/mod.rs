@@ -1,7 +1,8 @@
 //! Vulkan: devices, memory, pipelines and the executor of recordings.
 //!
 //! An [`Executor`] makes `resources` and `pipeline`s where `memory` says that they fit. It cuts a recording into `steps`,
-//! `submit` records these with the barriers that `hazards` asks for, and `times` keeps what their timestamps say.
+//! `submit` records these with the barriers that `hazards` asks for, and `times` keeps what their timestamps say. Where no
+//! device is found, `discovery` looks for the cause.
 //!
 //! The only room with `ash` and with `unsafe`. It knows kernels by the table and buffers by their
 //! roles; it knows nothing of scenes or of light.

@@ -143,6 +143,9 @@ impl Figures {
 
     fn in_words(&self) -> String {
         let count = HumanCount(self.total);
+        if self.samples == 0.0 {
+            return format!("{count} samples");
+        }
         format!("{count} samples, {:.2} M samples/s, {:.2} M rays/s", self.samples / 1e6, self.rays / 1e6)
     }
 
