@@ -199,6 +199,8 @@ shared_constants! {
     SAMPLER_INDEPENDENT = 0;
     /// Points of scrambled Sobol sequences.
     SAMPLER_SOBOL = 1;
+    /// Bit of the number of a sample that is set in the second of two halves.
+    SECOND_HALF_BIT = 23;
 
     /// `max_bounces` of an unbounded path.
     UNBOUNDED = u32::MAX;
@@ -261,6 +263,8 @@ specialization_constants! {
     integrator: u32 = INTEGRATOR_EXPLICIT;
     /// One of `SAMPLER_*`.
     sampler: u32 = SAMPLER_INDEPENDENT;
+    /// Whether samples are taken in two halves that are scrambled independently.
+    halves: bool = false;
     /// One of `ENVIRONMENT_*`.
     environment: u32 = ENVIRONMENT_BLACK;
     /// Whether some triangle emits.

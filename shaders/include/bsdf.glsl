@@ -79,7 +79,8 @@ BsdfSample sample_bsdf(Material m, Surface surface, vec3 wo, float choice, vec2 
         drawn = sample_dielectric(m, surface, wo, choice);
     }
     if (HAS_NORMAL_TEXTURES) {
-        drawn.weight *= bump_shadowing(surface, drawn.direction);
+        bool misled = is_misled(surface, wo, drawn.direction, (drawn.flags & BSDF_TRANSMIT) != 0u);
+        drawn.weight = misled ? vec3(0.0) : drawn.weight * bump_shadowing(surface, drawn.direction);
     }
     return drawn;
 }

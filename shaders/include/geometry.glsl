@@ -66,6 +66,11 @@ vec3 offset_from_plane(vec3 position, vec3 error, vec3 normal) {
 // The side of the surface that `direction` leaves to: +1 front, -1 back.
 float side_of(Surface surface, vec3 direction) { return dot(surface.geometric_normal, direction) < 0.0 ? -1.0 : 1.0; }
 
+// Whether an image turned the shading normal.
+bool is_turned(Surface surface) {
+    return HAS_NORMAL_TEXTURES && any(notEqual(surface.smooth_normal, surface.shading_normal));
+}
+
 // The shading normal on the side that `direction` leaves to.
 vec3 normal_towards(Surface surface, vec3 direction) { return surface.shading_normal * side_of(surface, direction); }
 

@@ -8,7 +8,7 @@
 // Shadowing Function to Solve the Bump Terminator Problem)
 float bump_shadowing(Surface surface, vec3 wi) {
     // Where no image turns it, nothing is lost to rounding.
-    if (all(equal(surface.smooth_normal, surface.shading_normal))) {
+    if (!is_turned(surface)) {
         return 1.0;
     }
     float between = min(abs(dot(surface.smooth_normal, surface.shading_normal)), 1.0);
@@ -17,6 +17,12 @@ float bump_shadowing(Surface surface, vec3 wi) {
     float cos_i = clamp(abs(dot(surface.smooth_normal, wi)), 1e-6, 1.0);
     float tan2_i = (1.0 - cos_i * cos_i) / (cos_i * cos_i);
     return 2.0 / (1.0 + sqrt(1.0 + alpha2 * tan2_i));
+}
+
+// Whether a turned normal sends a direction to the wrong side of the surface: light that is reflected must stay on its side,
+// and light that is transmitted must not.
+bool is_misled(Surface surface, vec3 wo, vec3 wi, bool passes) {
+    return is_turned(surface) && (side_of(surface, wo) != side_of(surface, wi)) != passes;
 }
 
 // The surface with its shading normal turned by the images of its material, as `wo` sees it.

@@ -72,6 +72,11 @@ uvec4 sobol4(uint pixel, uint sample_index, uint block, uint seed) {
 vec4 random4(uint pixel, uint sample_index, uint block, uint seed) {
     uvec4 bits;
     if (SAMPLER == SAMPLER_SOBOL) {
+        // The second half is the same sequence under a scramble of its own.
+        if (HALVES) {
+            seed += (sample_index >> SECOND_HALF_BIT) * 0x9e3779b9u;
+            sample_index &= (1u << SECOND_HALF_BIT) - 1u;
+        }
         bits = sobol4(pixel, sample_index, block, seed);
     } else {
         bits = pcg4d(uvec4(pixel, sample_index, block, seed));

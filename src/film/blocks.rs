@@ -18,6 +18,9 @@ use crate::image::Image;
 use crate::layout::FilmPixel;
 use crate::parallel;
 
+/// What relMSE adds to the square of a pixel's radiance.
+const DARK: f64 = 0.01;
+
 /// Pixels that a thread takes at once.
 const PART: usize = 1 << 14;
 
@@ -379,7 +382,7 @@ impl Film {
             }
             row = end;
         }
-        self.join();
+        self.join_within(first_row..row);
     }
 
     /// Takes the sums of the rows from `first_row` on out of the film, which keeps what samples they had.
@@ -400,19 +403,8 @@ impl Film {
         let strip = &self.strips[place.expect("a strip begins there")];
         let count = strip.rows as usize * self.width as usize;
         let scale = self.radiance_scale;
-        let total = |pixel: usize| {
-            let sums = strip.runs.iter().map(|run| match &run.sums {
-                Sums::Whole(pixels) => pixels[pixel],
-                Sums::Open(pixels) => PixelSums::of(&pixels[pixel]),
-            });
-            sums.reduce(|mut sums, later| {
-                sums.add(&later);
-                sums
-            })
-            .unwrap_or(PixelSums::zeroed())
-        };
         let parts: Vec<[Vec<DVec3>; 2]> = parallel::map(count.div_ceil(PART), &|part| {
-            let sums = (part * PART..count.min((part + 1) * PART)).map(total);
+            let sums = (part * PART..count.min((part + 1) * PART)).map(|pixel| total(&strip.runs, pixel));
             let (sum, squares) = sums
                 .map(|total| (DVec3::from_array(total.sum) / scale, DVec3::from_array(total.squares) / (scale * scale)))
                 .unzip();
@@ -446,6 +438,52 @@ impl Film {
         mean.mean()
     }
 
+    /// relMSE of the image by the difference of two halves of its samples, of which the second begins at a number: the
+    /// mean over pixels and channels of (a - b)² / 4 over n² + 0.01, where a and b are the means of the halves and n that of
+    /// the pixels around. The halves are independent, so that the square is on average what the mean of both is off by,
+    /// whatever the sampler. The pixel's own mean would be no measure of it: a stray bright sample would excuse itself.
+    /// `None` where a pixel has no sample in one of them, or more in one than in the other.
+    pub fn error_by_halves(&self, second: u32) -> Option<f64> {
+        let second = second / self.block_samples;
+        let mut pixels: Vec<(DVec3, DVec3)> = Vec::with_capacity(self.width as usize * self.height as usize);
+        for strip in &self.strips {
+            let (first, last) = strip.runs.split_at(strip.runs.partition_point(|run| run.first < second));
+            let samples = |runs: &[Run]| runs.iter().map(|run| run.samples).sum::<u32>();
+            if samples(first) == 0 || samples(first) != samples(last) {
+                return None;
+            }
+            let scale = self.radiance_scale * f64::from(samples(first));
+            let mean = |runs: &[Run], pixel| DVec3::from_array(total(runs, pixel).sum) / scale;
+            let of_pixel = |pixel| {
+                let (a, b) = (mean(first, pixel), mean(last, pixel));
+                (0.5 * (a + b), 0.25 * (a - b) * (a - b))
+            };
+            let count = strip.rows as usize * self.width as usize;
+            let parts = parallel::map(count.div_ceil(PART), &|part| {
+                (part * PART..count.min((part + 1) * PART)).map(of_pixel).collect::<Vec<_>>()
+            });
+            pixels.extend(parts.into_iter().flatten());
+        }
+        let (width, height) = (self.width as usize, self.height as usize);
+        let of_row = |y: usize| {
+            let of_pixel = |x: usize| {
+                let (mut around, mut count) = (DVec3::ZERO, 0.0);
+                for y in y.saturating_sub(1)..height.min(y + 2) {
+                    for x in x.saturating_sub(1)..width.min(x + 2) {
+                        around += pixels[y * width + x].0;
+                        count += 1.0;
+                    }
+                }
+                let (own, squared) = pixels[y * width + x];
+                let around = if count > 1.0 { (around - own) / (count - 1.0) } else { own };
+                (squared / (around * around + DARK)).element_sum()
+            };
+            (0..width).map(of_pixel).sum::<f64>()
+        };
+        let rows = parallel::map(height, &of_row);
+        Some(rows.iter().sum::<f64>() / (3 * width * height) as f64)
+    }
+
     /// Adds the samples of another part of the same render.
     ///
     /// # Errors
@@ -471,19 +509,21 @@ impl Film {
         Ok(())
     }
 
-    /// The blocks of so many samples of each pixel that some rows lack, or have a part of alone, as ranges.
-    pub fn gaps(&self, samples: u32) -> Vec<Range<u32>> {
-        let (size, end) = (self.block_samples, samples.div_ceil(self.block_samples));
+    /// The blocks of samples of these numbers, whose first begins one, that some rows lack or have a part of alone, as
+    /// ranges.
+    pub fn gaps(&self, samples: &Range<u32>) -> Vec<Range<u32>> {
+        let size = self.block_samples;
+        let blocks = samples.start / size..samples.end.div_ceil(size);
         let mut gaps: Vec<Range<u32>> = Vec::new();
         for strip in &self.strips {
-            let is_enough =
-                |run: &&Run| run.samples >= (run.blocks * size).min(samples.saturating_sub(run.first * size));
-            let mut next = 0;
-            for run in strip.runs.iter().filter(is_enough) {
-                gaps.push(next..run.first.min(end));
+            let is_whole =
+                |run: &&Run| run.samples >= (run.blocks * size).min(samples.end.saturating_sub(run.first * size));
+            let mut next = blocks.start;
+            for run in strip.runs.iter().filter(is_whole).filter(|run| run.end() > blocks.start) {
+                gaps.push(next..run.first.min(blocks.end));
                 next = run.end();
             }
-            gaps.push(next..end);
+            gaps.push(next..blocks.end);
         }
         gaps.retain(|gap| !gap.is_empty());
         gaps.sort_unstable_by_key(|gap| (gap.start, gap.end));
@@ -516,12 +556,19 @@ impl Film {
         self.strips.insert(place, strip);
     }
 
-    /// Joins rows that have the same samples, which [`Film::rows_from`] may have parted.
+    /// Joins rows that have the same samples.
     pub fn join(&mut self) {
+        self.join_within(0..self.height);
+    }
+
+    /// Joins those rows that have the same samples.
+    fn join_within(&mut self, rows: Range<u32>) {
         let mut joined: Vec<Strip> = Vec::with_capacity(self.strips.len());
         for strip in std::mem::take(&mut self.strips) {
             match joined.last_mut() {
-                Some(above) if is_same(above, &strip) => {
+                Some(above)
+                    if rows.contains(&above.first_row) && rows.contains(&strip.first_row) && is_same(above, &strip) =>
+                {
                     above.rows += strip.rows;
                     for (run, below) in above.runs.iter_mut().zip(strip.runs) {
                         run.sums.append(below.sums);
@@ -538,4 +585,17 @@ impl Film {
 fn is_same(above: &Strip, below: &Strip) -> bool {
     let spans = |strip: &Strip| strip.runs.iter().map(Run::span).collect::<Vec<_>>();
     spans(above) == spans(below) && above.is_taken() == below.is_taken()
+}
+
+/// The sums of a pixel over some runs, from the first to the last.
+fn total(runs: &[Run], pixel: usize) -> PixelSums {
+    let sums = runs.iter().map(|run| match &run.sums {
+        Sums::Whole(pixels) => pixels[pixel],
+        Sums::Open(pixels) => PixelSums::of(&pixels[pixel]),
+    });
+    let add = |mut sums: PixelSums, later: PixelSums| {
+        sums.add(&later);
+        sums
+    };
+    sums.reduce(add).unwrap_or(PixelSums::zeroed())
 }

@@ -126,7 +126,14 @@ mod tests {
     fn what_is_only_read_is_not_written() {
         for name in ["a.jpg", "a.jpeg", "a.tga", "a.bmp", "a.pfm", "a.webp", "a.tif", "a.TIFF"] {
             assert!(Format::of_input(Path::new(name)).is_ok());
-            assert!(matches!(Format::of_output(Path::new(name)), Err(ImageProblem::UnknownFormat { .. })), "{name}");
+            assert!(
+                matches!(Format::of_output(Path::new(name), None), Err(ImageProblem::UnknownFormat { .. })),
+                "{name}"
+            );
         }
+        let format = |name: &str, asked| Format::of_output(Path::new(name), asked).expect("it is written");
+        assert_eq!(format("a.png", Some(OutputFormat::Hdr)), Format::Hdr);
+        assert_eq!(format(whole_file::STDOUT, None), Format::Exr);
+        assert_eq!(format(whole_file::STDOUT, Some(OutputFormat::Png)), Format::Png);
     }
 }

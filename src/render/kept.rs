@@ -90,8 +90,14 @@ impl Kept {
 
     /// The rows that have samples, from the top, by their samples.
     fn bands(&self) -> Vec<Band> {
-        let strips = self.film.iter().flat_map(Film::strips).filter(|strip| strip.samples() > 0);
-        strips.map(|strip| Band { rows: strip.rows, samples: strip.samples() as u32 }).collect()
+        let mut bands: Vec<Band> = Vec::new();
+        for strip in self.film.iter().flat_map(Film::strips).filter(|strip| strip.samples() > 0) {
+            match bands.last_mut() {
+                Some(band) if u64::from(band.samples) == strip.samples() => band.rows += strip.rows,
+                _ => bands.push(Band { rows: strip.rows, samples: strip.samples() as u32 }),
+            }
+        }
+        bands
     }
 
     /// Takes the sums of those rows out of the film, where they have samples and are still there.

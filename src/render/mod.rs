@@ -20,6 +20,7 @@ mod plan;
 mod prepare;
 mod renderer;
 mod replay;
+mod rounds;
 mod schedule;
 mod session;
 mod statistics;

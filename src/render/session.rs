@@ -40,6 +40,8 @@ pub struct Progress<'a> {
     pub rays: u64,
     /// Since the first batch.
     pub elapsed: Duration,
+    /// relMSE by the last round, of a render that goes by rounds.
+    pub error: Option<f64>,
     /// What there is of the image, if the device's film was just read.
     pub looked: Option<&'a Kept>,
 }
@@ -101,8 +103,8 @@ pub struct Session {
     pub(super) executor: Executor,
     pub(super) plan: Plan,
     pub(super) settings: Settings,
-    /// Samples of each pixel that renders take, by number. The first begins a block.
-    wanted: Range<u32>,
+    /// Samples of each pixel that renders take, by number. The first of a range begins a block.
+    wanted: Vec<Range<u32>>,
     pub(super) schedule: Schedule,
     choices: Choices,
     counting: bool,
@@ -155,7 +157,7 @@ impl Session {
             executor,
             plan,
             settings: *settings,
-            wanted: 0..settings.samples,
+            wanted: settings.sample_numbers(settings.samples),
             schedule,
             choices,
             counting: options.counting,
@@ -174,7 +176,7 @@ impl Session {
     /// When the device fails.
     pub fn reseed(&mut self, scene: &PreparedScene, seed: u32, samples: u32) -> Result<(), RenderError> {
         self.settings = Settings { seed, samples, ..self.settings };
-        self.wanted = 0..samples;
+        self.wanted = self.settings.sample_numbers(samples);
         let frame = scene.frame(&self.settings, self.plan.path_capacity);
         self.executor.run(Recording::default().upload(buffers::FRAME, bytemuck::bytes_of(&frame)))?;
         Ok(())
@@ -186,8 +188,17 @@ impl Session {
     /// When the settings' samples have none of them.
     pub fn take_blocks(&mut self, blocks: Range<u32>) {
         let size = self.settings.block_samples();
-        self.wanted = blocks.start * size..self.settings.samples.min(blocks.end.saturating_mul(size));
+        let within = |samples: &Range<u32>| {
+            samples.start.max(blocks.start.saturating_mul(size))..samples.end.min(blocks.end.saturating_mul(size))
+        };
+        let numbers = self.settings.sample_numbers(self.settings.samples);
+        self.wanted = numbers.iter().map(within).filter(|samples| !samples.is_empty()).collect();
         assert!(!self.wanted.is_empty(), "there is a sample to take");
+    }
+
+    /// Has the next renders take the first so many samples of each pixel.
+    pub fn take_samples(&mut self, samples: u32) {
+        self.wanted = self.settings.sample_numbers(samples);
     }
 
     /// Bytes of device memory that the session holds.
@@ -272,7 +283,7 @@ impl Session {
     pub fn render_image(&mut self) -> Result<(Image, Statistics), RenderError> {
         let mut pixels = Vec::with_capacity(self.plan.pixels() as usize);
         let mut kept = Kept::every(Duration::MAX);
-        let one_block = self.wanted.end <= self.settings.block_samples();
+        let one_block = self.settings.samples <= self.settings.block_samples() && self.wanted.len() == 1;
         let reads = if one_block { Reads::Nothing } else { Reads::Film };
         let statistics = self.run(&mut kept, reads, whole, |session, kept, tile| {
             if one_block {
@@ -349,8 +360,9 @@ impl Session {
     ) -> Result<Statistics, RenderError> {
         let wanted = self.wanted.clone();
         let film = kept.begin(|| self.empty_film());
-        let done = film.samples_of(&wanted);
-        let total = self.plan.pixels() * u64::from(wanted.end - wanted.start);
+        let done = wanted.iter().map(|samples| film.samples_of(samples)).sum();
+        let total =
+            self.plan.pixels() * wanted.iter().map(|samples| u64::from(samples.end - samples.start)).sum::<u64>();
         let before = kept.statistics.clone().unwrap_or_else(|| self.nothing());
         let mut under_way = UnderWay::new(before, done, total);
         self.sample_pace(|| progress(&under_way.progress(None)).is_continue())?;
@@ -362,14 +374,19 @@ impl Session {
         let (mut row, mut ending) = (0, None);
         while let Some(rows) = kept.film_mut().rows_from(row, self.plan.tile_rows).filter(|_| ending.is_none()) {
             let tile = Tile { first_row: rows.start, rows: rows.end - rows.start };
-            while let Some(missing) = kept.film_mut().missing(rows.start, &wanted).filter(|_| ending.is_none()) {
+            let missing =
+                |kept: &mut Kept| wanted.iter().find_map(|samples| kept.film_mut().missing(rows.start, samples));
+            while let Some(missing) = missing(kept).filter(|_| ending.is_none()) {
                 ending = self.render_block(kept, &mut under_way, tile, missing, reads, &mut progress)?;
             }
             finished(self, kept, tile)?;
             row = rows.end;
         }
         kept.film_mut().join();
-        Ok(kept.statistics.clone().unwrap_or_else(|| self.nothing()))
+        // Where there was nothing left to render, the film is told of as it was.
+        let statistics = kept.statistics.clone().unwrap_or_else(|| self.nothing());
+        kept.keep(statistics.clone());
+        Ok(kept.statistics.clone().unwrap_or(statistics))
     }
 
     /// Renders what a tile lacks of a block.
@@ -783,6 +800,7 @@ impl UnderWay {
             samples_taken: taken,
             rays: (taken as f64 * self.rays_per_sample) as u64,
             elapsed: self.before.wall_time + self.start.elapsed(),
+            error: None,
             looked,
         }
     }

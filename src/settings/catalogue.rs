@@ -386,6 +386,17 @@ pub static SETTINGS: &[Setting] = &[
         meaning: "samples of a block, whose sum is rounded by itself",
         role: Role::Estimator,
     },
+    Setting {
+        flag: "halves",
+        key: "halves",
+        help: "Take samples in two halves that are scrambled independently, whose difference tells the error",
+        more: "`--target-error` takes them so; a Sobol sequence is worth more undivided",
+        meaning: "samples in two halves",
+        role: Role::Estimator,
+        get: |settings| Value::Switch(settings.halves),
+        set: |settings, text| switch(text).map(|on| settings.halves = on),
+        ..PLAIN
+    },
     chosen! {
         integrator: Integrator,
         flag: "integrator",

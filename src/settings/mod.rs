@@ -9,6 +9,8 @@ mod packets;
 mod quality;
 mod table;
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -22,11 +24,14 @@ pub use quality::Quality;
 pub use table::markdown_rows;
 
 use crate::bvh::BvhKind;
-use crate::constants::MATERIAL_BINS;
+use crate::constants::{MATERIAL_BINS, SECOND_HALF_BIT};
 use crate::image::MAX_PIXELS;
 
 /// Most samples of a pixel: the film's sums are tested up to here.
 pub const MAX_SAMPLES: u32 = 1 << 24;
+
+/// Number of the first sample of a second half.
+pub const SECOND_HALF: u32 = 1 << SECOND_HALF_BIT;
 
 /// Most branches of [`Settings::material_branches`]: each is a bin of the sort, and misses have one.
 pub const MAX_MATERIAL_BRANCHES: u32 = MATERIAL_BINS - 1;
@@ -67,6 +72,8 @@ pub struct Settings {
     pub samples: u32,
     /// Samples of a block, a power of two; `None` leaves it to the size of the image.
     pub block_samples: Option<u32>,
+    /// Whether samples are taken in two halves that are scrambled independently, so that their difference tells the error.
+    pub halves: bool,
     /// How light is gathered.
     pub integrator: Integrator,
     /// Scattering events between camera and light; `None` is unbounded.
@@ -137,6 +144,7 @@ impl Default for Settings {
             height: 512,
             samples: 64,
             block_samples: None,
+            halves: false,
             integrator: Integrator::Explicit,
             max_bounces: Some(8),
             roulette: 0.0,
@@ -187,6 +195,15 @@ impl Settings {
         let pixels = u64::from(self.width) * u64::from(self.height);
         let suits = BLOCK.div_ceil(pixels.max(1)).next_power_of_two().clamp(LEAST, MOST) as u32;
         self.block_samples.unwrap_or(suits)
+    }
+
+    /// The numbers of the first `samples` samples of each pixel: from 0 on, or half of them from 0 on and half from
+    /// [`SECOND_HALF`] on.
+    pub fn sample_numbers(&self, samples: u32) -> Vec<Range<u32>> {
+        match self.halves {
+            true => vec![0..samples.div_ceil(2), SECOND_HALF..SECOND_HALF + samples / 2],
+            false => vec![0..samples],
+        }
     }
 
     /// Whether they make sense together.

@@ -118,3 +118,79 @@ fn open(place: &Place) -> io::Result<Box<dyn Write>> {
         Place::Device(path) | Place::File { path, .. } => Box::new(OpenOptions::new().write(true).open(path)?),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn names_in(folder: &Path) -> Vec<String> {
+        let names = fs::read_dir(folder).expect("the folder is there");
+        let mut names: Vec<_> =
+            names.map(|entry| entry.expect("it is readable").file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn what_fails_leaves_the_old_file_and_no_other() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a");
+        fs::write(&path, "old").expect("a temporary file");
+        let broken = |file: &mut dyn Write| {
+            file.write_all(&[0; 100_000])?;
+            Err(io::Error::from(ErrorKind::StorageFull))
+        };
+        assert_eq!(write(&path, broken).expect_err("it is full").kind(), ErrorKind::StorageFull);
+        assert_eq!(fs::read(&path).expect("it is there"), b"old");
+        assert_eq!(names_in(folder.path()), ["a"]);
+
+        // A rename that fails.
+        let renamed = folder.path().join("b");
+        let blocked = |file: &mut dyn Write| {
+            fs::create_dir_all(renamed.join("full"))?;
+            file.write_all(b"new")
+        };
+        write(&renamed, blocked).expect_err("no file replaces a folder");
+        assert_eq!(names_in(folder.path()), ["a", "b"]);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn nobody_removes_what_is_being_written() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let is_done = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_done.load(std::sync::atomic::Ordering::Relaxed) {
+                    temporary::remove_leftovers(folder.path(), ".raywave-");
+                }
+            });
+            for number in 0..200 {
+                let path = folder.path().join(number.to_string());
+                write_text(&path, "whole").expect("it can be written");
+                assert_eq!(fs::read(&path).expect("it is there"), b"whole");
+            }
+            is_done.store(true, std::sync::atomic::Ordering::Relaxed);
+        });
+        assert_eq!(names_in(folder.path()).len(), 200);
+    }
+
+    #[test]
+    fn outputs_are_told_apart_by_where_they_lead() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let [a, b, link] = ["a", "b", "link"].map(|name| folder.path().join(name));
+        let same = |a: &Path, b: &Path| is_same(a, b).expect("both can be written");
+        assert!(same(&a, &a) && !same(&a, &b));
+        assert!(same(&a, &folder.path().join("..").join(folder.path().file_name().expect("it has a name")).join("a")));
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink("a", &link).expect("a link");
+            assert!(same(&a, &link) && !same(&b, &link));
+            assert!(!same(Path::new("/dev/null"), Path::new("/dev/null")));
+        }
+        assert!(same(Path::new(STDOUT), Path::new(STDOUT)) && is_stdout(Path::new(STDOUT)));
+        assert!(is_same(folder.path(), &a).is_err());
+    }
+}

@@ -87,7 +87,7 @@ fn remove_leftovers_once(folder: &Path) {
 }
 
 /// Removes the files that no process has locked. What cannot be removed does no harm.
-fn remove_leftovers(folder: &Path, prefix: &str) {
+pub fn remove_leftovers(folder: &Path, prefix: &str) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let is_temporary = entry.file_name().to_str().is_some_and(|name| name.starts_with(prefix));
         if !is_temporary || !entry.file_type().is_ok_and(|kind| kind.is_file()) {

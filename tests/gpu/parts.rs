@@ -163,6 +163,83 @@ fn blocks_change_rounding_alone() {
     assert_silent(&device);
 }
 
+/// Goes on by rounds to a target, or to the samples of the settings.
+fn by_rounds(session: &mut Session, target: Option<f64>) -> (Film, Option<f64>) {
+    let mut kept = Kept::default();
+    let (_, error) = session.go_on_by_rounds(&mut kept, target, |_| ControlFlow::Continue(())).expect("it renders");
+    (kept.film().expect("it has rendered").clone(), error)
+}
+
+#[test]
+fn halves_are_renders_of_two_seeds() {
+    let device = device();
+    let scene = own_scene("cornell-box");
+    let settings =
+        Settings { width: WIDTH, height: HEIGHT, sampler: Sampler::Sobol, samples: 12, seed: 3, ..scene.settings };
+    let prepared = prepare(&device, &scene, &settings);
+    let sums = |settings: Settings| {
+        let mut session = Session::new(&device, &prepared, &settings).expect("the session starts");
+        by_rounds(&mut session, None).0.strips()[0].runs.iter().map(|run| run.sums.clone()).collect::<Vec<_>>()
+    };
+    let both = sums(Settings { halves: true, ..settings });
+    let first = sums(Settings { samples: 6, ..settings });
+    let second = sums(Settings { samples: 6, seed: 3_u32.wrapping_add(0x9e37_79b9), ..settings });
+    assert!(both == [first, second].concat());
+    assert_silent(&device);
+}
+
+#[test]
+fn the_difference_of_halves_is_the_error() {
+    let device = device();
+    let scene = own_scene("cornell-box");
+    for sampler in [Sampler::Sobol, Sampler::Independent] {
+        let settings = Settings { width: WIDTH, height: HEIGHT, sampler, ..scene.settings };
+        let prepared = prepare(&device, &scene, &settings);
+        let reference = Settings { samples: 1 << 13, seed: 1_000, ..settings };
+        let mut session = Session::new(&device, &prepared, &reference).expect("the session starts");
+        let (exact, _) = session.render_image().expect("it renders");
+        let halves = Settings { samples: 64, halves: true, ..settings };
+        let mut session = Session::new(&device, &prepared, &halves).expect("the session starts");
+        const SEEDS: u32 = 24;
+        let (mut told, mut found) = (0.0, 0.0);
+        for seed in 0..SEEDS {
+            session.reseed(&prepared, seed, 64).expect("the device goes on");
+            let (film, error) = by_rounds(&mut session, None);
+            told += error.expect("halves are equal") / f64::from(SEEDS);
+            let image = film.image();
+            let off = image.pixels.iter().zip(&exact.pixels).map(|(a, b)| {
+                let off = |a: f32, b: f32| f64::from(a - b).powi(2) / (f64::from(b * b) + 0.01);
+                off(a.x, b.x) + off(a.y, b.y) + off(a.z, b.z)
+            });
+            found += off.sum::<f64>() / (3.0 * image.pixels.len() as f64) / f64::from(SEEDS);
+        }
+        assert!((told / found - 1.0).abs() < 0.15, "{sampler:?}: {told} and {found}");
+    }
+    assert_silent(&device);
+}
+
+#[test]
+fn rounds_end_at_the_error_that_is_asked_for() {
+    let device = device();
+    let scene = own_scene("cornell-box");
+    let settings = Settings { width: WIDTH, height: HEIGHT, samples: 1 << 14, halves: true, ..scene.settings };
+    let prepared = prepare(&device, &scene, &settings);
+    for (target, film_rows) in [(0.1, HEIGHT), (0.01, 5)] {
+        let film_bytes = Some(u64::from(64 * WIDTH * film_rows));
+        let options = SessionOptions { film_bytes, ..SessionOptions::default() };
+        let mut session = Session::with_options(&device, &prepared, &settings, options).expect("the session starts");
+        let (film, error) = by_rounds(&mut session, Some(target));
+        let error = error.expect("halves are equal");
+        assert!(error <= target && error > 0.3 * target, "{error} where {target} is asked for");
+        // The same samples at once are the same film.
+        session.take_samples(film.most_samples() as u32);
+        let mut kept = Kept::default();
+        session.go_on(&mut kept, |_| ControlFlow::Continue(())).expect("it renders");
+        assert!(kept.film() == Some(&film));
+    }
+    assert_silent(&device);
+}
+
 #[test]
 fn what_parts_have_in_common_counts_once() {
     let device = device();
@@ -200,9 +277,9 @@ fn what_both_parts_have_is_refused() {
     let part = |blocks| part(&device, &prepared, &settings, HEIGHT, blocks);
     let mut film = part(0..4);
     assert_eq!(film.clone().merge(part(2..6), Overlap::Refused), Err(MergeError::Overlap(2..4)));
-    assert_eq!(film.gaps(64), [4..8]);
+    assert_eq!(film.gaps(&(0..64)), [4..8]);
     film.merge(part(6..8), Overlap::Refused).expect("they have no block in common");
-    assert_eq!(film.gaps(64), [4..6]);
+    assert_eq!(film.gaps(&(0..64)), [4..6]);
     let other = Settings { block_samples: Some(16), ..settings };
     let mut kept = Kept::default();
     go_on(&device, &prepared, &other, HEIGHT, &mut kept, 2..3, usize::MAX);

@@ -1,14 +1,15 @@
 //! `raywave diff`: how far an image is from a reference, in numbers and in false colour.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use serde::Serialize;
 
+use super::film;
 use super::picture::one_of;
 use super::print;
-use raywave::image::{WriteOptions, check_output, read_image, write_image};
+use raywave::image::{Image, WriteOptions, check_output, read_image, write_image};
 pub use raywave_studies::export::heatmap::HeatmapScale;
 use raywave_studies::export::heatmap::heatmap;
 use raywave_studies::stats::{Differences, ImageComparison, PixelTest, compare_images, test_pixels};
@@ -20,7 +21,7 @@ use raywave_studies::stats::{Differences, ImageComparison, PixelTest, compare_im
 /// much they differ.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DiffArguments {
-    /// Image to judge (.exr, .hdr or .png)
+    /// Image to judge (.exr, .hdr or .png), or a film (.film)
     #[arg(value_name = "A")]
     pub a: PathBuf,
     /// Reference to judge it by
@@ -71,7 +72,7 @@ pub fn diff(arguments: &DiffArguments) -> anyhow::Result<Report> {
     if let Some(path) = &arguments.heatmap {
         check_output(path, None)?;
     }
-    let (a, b) = (read_image(&arguments.a)?, read_image(&arguments.b)?);
+    let (a, b) = (read_picture(&arguments.a)?, read_picture(&arguments.b)?);
     let comparison = compare_images(&a, &b).with_context(|| {
         let (a, b) = (arguments.a.display(), arguments.b.display());
         format!("cannot compare {a} with {b}")
@@ -114,6 +115,11 @@ pub struct Report {
     /// Whether the lines show red, green and blue too.
     #[serde(skip)]
     pub channels: bool,
+}
+
+/// Reads an image, or that of a film.
+fn read_picture(path: &Path) -> anyhow::Result<Image> {
+    Ok(if film::is_film(path) { film::read(path)?.0.image() } else { read_image(path)? })
 }
 
 /// A heatmap that was written, and how to read it.

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail, ensure};
 
-use raywave::film::{Film, FilmFile, FilmLock, block_range, read_film, write_film};
+use raywave::film::{Film, FilmFile, FilmLock, read_film, write_film};
 use raywave::render::{Kept, Statistics};
 use raywave::settings::Settings;
 use raywave::whole_file;
@@ -157,18 +157,20 @@ pub fn is_film(path: &Path) -> bool {
 }
 
 /// What a film lacks of the samples that its pixels are to have, as flags that render it; `None` where it lacks nothing.
-pub fn lacking(film: &Film, samples: u32) -> Option<String> {
-    let gaps = film.gaps(samples);
-    let range = |gap: &Range<u32>| format!("--blocks {}-{}", gap.start, gap.end - 1);
+pub fn lacking(film: &Film, about: &AboutFilm) -> Option<String> {
+    let gaps: Vec<_> = about.sample_numbers().iter().flat_map(|samples| film.gaps(samples)).collect();
+    let range = |gap: &Range<u32>| match gap.len() {
+        1 => format!("--blocks {}", gap.start),
+        _ => format!("--blocks {}-{}", gap.start, gap.end - 1),
+    };
     (!gaps.is_empty()).then(|| gaps.iter().map(range).collect::<Vec<_>>().join(", "))
 }
 
 /// Blocks of a film, and how many it is to have, in words.
-pub fn in_words(film: &Film, samples: u32) -> String {
-    let all = samples.div_ceil(film.block_samples);
-    let blocks = block_range(&(0..all));
-    match lacking(film, samples) {
-        None => format!("{blocks} of {} samples", film.block_samples),
-        Some(lacking) => format!("a part of {blocks} of {} samples; it lacks {lacking}", film.block_samples),
+pub fn in_words(film: &Film, about: &AboutFilm) -> String {
+    let (samples, size) = (about.samples, film.block_samples);
+    match lacking(film, about) {
+        None => format!("all of {samples} samples per pixel, in blocks of {size}"),
+        Some(lacking) => format!("a part of {samples} samples per pixel, in blocks of {size}; it lacks {lacking}"),
     }
 }

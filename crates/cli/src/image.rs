@@ -30,7 +30,7 @@ pub fn run(arguments: &ImageArguments) -> anyhow::Result<()> {
     let image = film.image();
     write_with_record(output, &image, &image.digest(), about.image_record(&film), &arguments.encoding)?;
     if !arguments.quiet {
-        tell!("{}: {} by {}, {}", output.display(), film.width, film.height, in_words(&film, about.samples));
+        tell!("{}: {}x{}, {}", output.display(), film.width, film.height, in_words(&film, &about));
     }
     Ok(())
 }

@@ -1,12 +1,13 @@
 //! `raywave info`.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use indicatif::HumanCount;
 use serde_json::{Map, Value, json};
 
+use super::film;
 use super::picture::PictureArguments;
 use super::{compiled, load_scene, print, readable_bytes};
 use raywave::bvh::Bvh;
@@ -14,13 +15,14 @@ use raywave::facts::{self, Facts};
 use raywave::gpu::Device;
 use raywave::render::{Defaults, FeatureCost, Footprint, PreparedScene, Session, feature_costs};
 use raywave::scene::Scene;
-use raywave::settings::{self, Instances, Named, SETTINGS, Setting, Settings};
-use raywave_studies::lab;
+use raywave::settings::{self, Instances, Named, SECOND_HALF, SETTINGS, Setting, Settings};
+use raywave_studies::export::plain;
+use raywave_studies::lab::{self, Counters};
 
 /// Tell what a scene holds, what a render of it needs, and what it leaves out
 #[derive(Debug, clap::Args)]
 pub struct InfoArguments {
-    /// Scene (.toml, .gltf, .glb, Mitsuba's .xml) or mesh (.obj, .ply); the built-in Cornell box without
+    /// Scene (.toml, .gltf, .glb, Mitsuba's .xml), mesh (.obj, .ply) or film (.film); the built-in Cornell box without
     scene: Option<PathBuf>,
     /// The render that it would be.
     #[command(flatten)]
@@ -34,6 +36,9 @@ pub struct InfoArguments {
 }
 
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
+    if let Some(path) = arguments.scene.as_deref().filter(|path| film::is_film(path)) {
+        return tell_of_film(path, arguments.json);
+    }
     let scene = load_scene(arguments.scene.as_deref(), &arguments.picture.load.options(), false)?;
     let settings = arguments.picture.settings(&scene)?;
     let device = device(arguments)?;
@@ -60,6 +65,38 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<()> {
     }
     let told = compiled.map_or(String::new(), |(kernels, device)| compiled::lines(&kernels, device.description()));
     print(&(report.lines()? + &told))
+}
+
+/// What a film holds, and the render that it belongs to.
+fn tell_of_film(path: &Path, as_json: bool) -> anyhow::Result<()> {
+    let (film, about) = film::read(path)?;
+    let record = about.image_record(&film);
+    let error = film.error_by_halves(SECOND_HALF);
+    let told = json!({
+        "film_samples": film.sample_count(),
+        "lacks": film::lacking(&film, &about),
+        "relmse_by_halves": error,
+        "arithmetic": about.arithmetic,
+        "counters": about.counters,
+        "settings": record,
+    });
+    if as_json {
+        return print(&(serde_json::to_string_pretty(&told)? + "\n"));
+    }
+    let mut text = String::new();
+    writeln!(text, "film             {}x{}", film.width, film.height)?;
+    writeln!(text, "samples          {}, {}", HumanCount(film.sample_count()), film::in_words(&film, &about))?;
+    if let Some(error) = error {
+        writeln!(text, "relMSE           {error:.2e} by the difference of two halves")?;
+    }
+    let Counters { camera_rays, bounce_rays, shadow_rays, nonfinite_samples, wall_seconds, .. } = &about.counters;
+    let rays = camera_rays + bounce_rays + shadow_rays;
+    writeln!(text, "rays             {}", HumanCount(rays))?;
+    writeln!(text, "left out         {nonfinite_samples} samples that were not finite")?;
+    writeln!(text, "rendered in      {wall_seconds:.2} s")?;
+    writeln!(text, "arithmetic       {}\n", about.arithmetic)?;
+    let rows: Vec<[String; 2]> = record.iter().map(|(key, value)| [key.clone(), plain(value)]).collect();
+    print(&(text + &aligned(&rows)))
 }
 
 /// The device that a render would take, measured where it never was.

@@ -58,7 +58,7 @@ pub fn run(arguments: &MergeArguments) -> anyhow::Result<()> {
                 match film.merge(part, overlap) {
                     Ok(()) => {}
                     Err(MergeError::Overlap(blocks)) => bail!(
-                        "{}: {} is in the parts before it as well; leave one of them out, or add --overlapping to take them once",
+                        "{}: the parts before it have {} as well; leave one of them out, or add --overlapping to take them once",
                         path.display(),
                         block_range(&blocks)
                     ),
@@ -72,7 +72,7 @@ pub fn run(arguments: &MergeArguments) -> anyhow::Result<()> {
         });
     }
     let (film, about, _) = whole.expect("there is a part at least");
-    if let Some(lacking) = lacking(&film, about.samples).filter(|_| !arguments.partial) {
+    if let Some(lacking) = lacking(&film, &about).filter(|_| !arguments.partial) {
         bail!("the parts lack blocks: render {lacking} and merge again, or add --partial to write what there is");
     }
     if to_film {
@@ -83,7 +83,7 @@ pub fn run(arguments: &MergeArguments) -> anyhow::Result<()> {
         write_with_record(output, &image, &image.digest(), record, &arguments.encoding)?;
     }
     if !arguments.quiet {
-        tell!("{}: {} by {}, {}", output.display(), film.width, film.height, in_words(&film, about.samples));
+        tell!("{}: {}x{}, {}", output.display(), film.width, film.height, in_words(&film, &about));
     }
     Ok(())
 }

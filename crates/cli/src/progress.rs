@@ -99,6 +99,8 @@ pub struct Figures {
     /// Samples and rays a second.
     samples: f64,
     rays: f64,
+    /// relMSE, if the render goes by it.
+    error: Option<f64>,
 }
 
 impl Figures {
@@ -110,6 +112,7 @@ impl Figures {
             elapsed: progress.elapsed,
             samples: progress.samples_taken as f64 / seconds,
             rays: progress.rays as f64 / seconds,
+            error: progress.error,
         }
     }
 

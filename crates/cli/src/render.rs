@@ -20,7 +20,7 @@ use raywave::render::{
     Statistics, find_faults,
 };
 use raywave::scene::Scene;
-use raywave::settings::{SETTINGS, Settings};
+use raywave::settings::{MAX_SAMPLES, SETTINGS, Settings};
 use raywave::trace::Stages;
 use raywave::whole_file;
 use raywave_studies::export::plain;
@@ -46,6 +46,13 @@ pub struct RenderArguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     film: FilmArguments,
+    /// End after this time of rendering, with --samples as the most
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    time: Option<f64>,
+    /// End once the image's relMSE, by the difference of two halves of its samples, is down to this, with --samples as the
+    /// most
+    #[arg(long, value_name = "RELMSE", value_parser = positive)]
+    target_error: Option<f64>,
     #[command(flatten)]
     picture: PictureArguments,
     #[command(flatten)]
@@ -108,6 +115,29 @@ enum FormatName {
     Png,
 }
 
+impl RenderArguments {
+    /// Has time or error end the render, if they are to.
+    fn ends_by(&self, settings: &mut Settings) -> anyhow::Result<()> {
+        if self.time.is_none() && self.target_error.is_none() {
+            return Ok(());
+        }
+        ensure!(
+            self.film.blocks.is_none(),
+            "--blocks are a part of the samples, so --time and --target-error cannot end them"
+        );
+        settings.halves |= self.target_error.is_some();
+        if !self.picture.has_samples() {
+            settings.samples = MAX_SAMPLES;
+        }
+        Ok(())
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| number.is_finite() && *number > 0.0);
+    number.ok_or_else(|| "it is no number above 0".to_owned())
+}
+
 impl From<FormatName> for OutputFormat {
     fn from(name: FormatName) -> Self {
         match name {
@@ -150,6 +180,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let scene = load_scene(arguments.scene.as_deref(), &arguments.picture.load.options(), arguments.quiet)?;
     drop(loading);
     let mut settings = arguments.picture.settings(&scene)?;
+    arguments.ends_by(&mut settings)?;
     let mut film = FilmOnDisk::open(&arguments.film, &mut settings)?;
     let mut device = open_device_with(arguments.picture.device(), tools.clone())?;
     let measuring = stages.begin("measure device");
@@ -200,12 +231,15 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
                 warn(&format!("{error:#}; the render goes on without"));
             }
         }
-        if !interrupted.load(Ordering::Relaxed) {
+        if !interrupted.load(Ordering::Relaxed)
+            && arguments.time.is_none_or(|time| progress.elapsed.as_secs_f64() < time)
+        {
             return ControlFlow::Continue(());
         }
         let waited = interrupted_at.get_or_insert_with(Instant::now).elapsed();
         ControlFlow::Break(if waited < EVEN_WITHIN { Ending::Even } else { Ending::Now })
     };
+    let by_rounds = arguments.time.is_some() || arguments.target_error.is_some();
     let mut picture = Picture::new(&settings)?;
     let clocks = clocks::of_device(device.description().uuid);
     let state = || clocks.as_ref().map(|clocks| clocks.state());
@@ -213,11 +247,18 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let mut traces = Vec::new();
     let most_passes = arguments.trace.is_some().then_some(trace::MOST_PASSES);
     let keeps_film = arguments.film.film.is_some();
+    let mut error = None;
     let mut go_on = |mut session: Session, kept: &mut Kept| -> anyhow::Result<Statistics> {
         most_passes.map_or(Ok(()), |most| session.keep_trace(most))?;
-        let rendered = match keeps_film {
-            true => session.go_on(kept, &mut progress),
-            false => session.go_on_by_tiles(kept, &mut progress, |rows| picture.add(rows)),
+        let rendered = match () {
+            () if by_rounds => {
+                session.go_on_by_rounds(kept, arguments.target_error, &mut progress).map(|(statistics, found)| {
+                    error = found;
+                    statistics
+                })
+            }
+            () if keeps_film => session.go_on(kept, &mut progress),
+            () => session.go_on_by_tiles(kept, &mut progress, |rows| picture.add(rows)),
         };
         traces.extend(session.take_trace());
         Ok(rendered?)
@@ -250,6 +291,10 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
             film.save(kept, about(&statistics))?;
             (kept.image(), kept.mean())
         }
+        None if by_rounds => {
+            let kept = kept.film().expect("it has rendered");
+            (kept.image(), kept.mean())
+        }
         None => {
             kept.end(|rows| picture.add(rows));
             picture.end(&settings)
@@ -272,6 +317,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         digest: image.digest(),
         compiled: &compiled,
         clocks: [clocks_before, clocks_after],
+        error,
     };
     let writing = stages.begin("write files");
     write(arguments, &report, &image, &statistics, &mean)?;
@@ -350,6 +396,8 @@ struct Report<'a> {
     compiled: &'a [CompiledKernelRow],
     /// Of the device, before and after, where something tells of them.
     clocks: [Option<ClockState>; 2],
+    /// relMSE by the difference of the halves of the samples, if they were taken so.
+    error: Option<f64>,
 }
 
 impl Report<'_> {
@@ -387,6 +435,7 @@ impl Report<'_> {
             "wall_seconds": wall,
             "gpu_seconds": statistics.gpu_seconds,
             "idle_seconds": statistics.idle.between,
+            "relmse_by_halves": self.error,
             "clocks_before": self.clocks[0],
             "clocks_after": self.clocks[1],
             "kernels": kernels,
@@ -465,7 +514,8 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
     let settings = report.settings;
     let seconds = statistics.wall_time.as_secs_f64();
     let mut part = String::new();
-    if statistics.samples < settings.samples {
+    let is_ended_by = arguments.time.is_some() || arguments.target_error.is_some();
+    if statistics.samples < settings.samples && !is_ended_by {
         part += &format!(", of {} asked for", settings.samples);
     }
     if statistics.rows < settings.height {
@@ -479,16 +529,26 @@ fn summarise(arguments: &RenderArguments, report: &Report<'_>, statistics: &Stat
     } else {
         String::new()
     };
+    let speeds = match statistics.sample_count {
+        0 => "nothing was left to render".to_owned(),
+        samples => format!(
+            "{seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s",
+            samples as f64 / seconds / 1e6,
+            statistics.rays() as f64 / seconds / 1e6
+        ),
+    };
     tell!(
-        "{}: {}x{}, {} samples per pixel{part}, {seconds:.2} s, {:.2} M samples/s, {:.2} M rays/s, pixels {}{tuned}",
+        "{}: {}x{}, {} samples per pixel{part}, {speeds}, pixels {}{tuned}",
         arguments.output.as_ref().or(arguments.film.film.as_ref()).expect("one of them is named").display(),
         settings.width,
         settings.height,
         statistics.samples,
-        statistics.sample_count as f64 / seconds / 1e6,
-        statistics.rays() as f64 / seconds / 1e6,
         &report.digest[..NAMED_DIGITS],
     );
+    if let (Some(target), Some(error)) = (arguments.target_error, report.error) {
+        let more = if error <= target { "" } else { "; more --samples, or more --time, bring it down" };
+        tell!("relMSE {error:.2e} by the difference of two halves, of {target:.2e} asked for{more}");
+    }
     for bias in SETTINGS.iter().filter_map(|setting| (setting.bias)(settings)) {
         tell!("warning: the image is biased: {bias}");
     }

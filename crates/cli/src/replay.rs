@@ -93,11 +93,12 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<()> {
         bvh: prepared.bvh.kind.name(),
         work,
     };
-    if let Some(path) = &arguments.json {
-        let text = serde_json::to_string_pretty(&report.json()).context("the report becomes JSON")?;
-        write_text(path, &(text + "\n"))?;
+    let json = serde_json::to_string_pretty(&report.json()).context("the report becomes JSON")? + "\n";
+    let written = arguments.json.as_ref().map_or(Ok(()), |path| write_text(path, &json));
+    if !arguments.json.as_deref().is_some_and(is_stdout) {
+        print(&report.lines())?;
     }
-    if arguments.json.as_deref().is_some_and(is_stdout) { Ok(()) } else { print(&report.lines()) }
+    written
 }
 
 /// All that belongs to a result.

@@ -67,12 +67,12 @@ pub fn run(arguments: &SelftestArguments) -> anyhow::Result<()> {
         rows.push(check.run(&bench));
     }
     let report = report(rows);
-    if let Some(path) = &arguments.json {
-        write_text(path, &(serde_json::to_string_pretty(&report)? + "\n"))?;
-    }
+    let json = serde_json::to_string_pretty(&report)? + "\n";
+    let written = arguments.json.as_ref().map_or(Ok(()), |path| write_text(path, &json));
     if !arguments.json.as_deref().is_some_and(is_stdout) {
         print(&report.lines(description)?)?;
     }
+    written?;
     report.judge()
 }
 

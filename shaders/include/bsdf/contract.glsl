@@ -52,12 +52,12 @@ BsdfSample sample_of(BsdfValue value, vec3 direction, uint flags, float eta) {
 // of the kinds that it could be else at this place: without it, it is of that kind.
 #define IS_KIND(KIND, OTHERS, MATERIAL) (HAS_##KIND && (!(OTHERS) || (MATERIAL).surface == SURFACE_##KIND))
 
-// The normal about which a specular surface mirrors `wo`. A shading normal that faces away, or reflects into the surface,
-// gives way to the geometric one.
+// The normal about which a surface mirrors `wo`. A normal of vertices that faces away, or reflects into the surface, gives way
+// to the geometric one, so that no triangle is black. One that an image turned stays: what it sends into the surface is lost.
 vec3 mirroring_normal(Surface surface, vec3 wo) {
     float side = side_of(surface, wo);
     vec3 n = surface.shading_normal * side;
-    bool bent = dot(n, wo) <= 0.0 || side_of(surface, reflect(-wo, n)) != side;
+    bool bent = dot(n, wo) <= 0.0 || (!is_turned(surface) && side_of(surface, reflect(-wo, n)) != side);
     return HAS_SHADING_NORMALS && bent ? surface.geometric_normal * side : n;
 }
 

@@ -336,6 +336,7 @@ impl Needs {
                 Sampler::Independent => SAMPLER_INDEPENDENT,
                 Sampler::Sobol => SAMPLER_SOBOL,
             },
+            halves: settings.halves,
             environment,
             has_lights: lights,
             has_phong: phong,

@@ -13,3 +13,4 @@ mod light;
 mod reflection;
 mod robustness;
 mod stage;
+mod turned;

@@ -56,6 +56,14 @@ impl Folder {
         command
     }
 
+    /// A shell in which `"$0" "$@"` is the program with these arguments.
+    pub fn shell(&self, script: &str, arguments: &[&str]) -> Command {
+        let mut command = Command::new("sh");
+        command.args(["-c", script]).arg(program()).args(arguments);
+        command.current_dir(self.0.path()).env("RAYWAVE_CACHE", "off");
+        command
+    }
+
     pub fn run(&self, arguments: &[&str]) -> Output {
         self.command(arguments).output().expect("the program starts")
     }

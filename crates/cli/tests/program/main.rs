@@ -12,6 +12,7 @@ mod devices_why;
 mod diff;
 mod facts;
 mod farm;
+mod films;
 mod labels;
 mod outputs;
 mod progress;

@@ -117,9 +117,8 @@ fn a_broken_stderr_costs_no_output() {
                 }
                 _ => {
                     let script = "exec \"$0\" \"$@\" >/dev/null 2>&-";
-                    let mut shell = Command::new("sh");
-                    shell.current_dir(folder.path("")).env("RAYWAVE_CACHE", "off");
-                    shell.args(["-c", script]).arg(program()).args(&arguments).status()
+                    let arguments: Vec<_> = arguments.iter().map(String::as_str).collect();
+                    folder.shell(script, &arguments).status()
                 }
             };
             assert_eq!(status.expect("it ends").code(), Some(0), "{name}, {broken}");
@@ -175,9 +174,10 @@ fn fifos_are_written_to() {
         });
         let ran = run(&folder, &arguments);
         assert!(ran.status.success(), "{name}: {}", text(&ran.stderr));
-        let read = reader.join().expect("the reader ends");
+        // A reader of what was replaced would wait for ever.
         let kind = fs::symlink_metadata(folder.path(&output)).expect("it is there").file_type();
         assert!(kind.is_fifo(), "{name} replaces the FIFO");
+        let read = reader.join().expect("the reader ends");
         assert!(!read.is_empty(), "{name}");
         if ["render", "dump-rays", "diff"].contains(&name) {
             fs::remove_file(folder.path(&output)).expect("it was just there");
@@ -326,13 +326,7 @@ fn a_dash_is_stdout() {
     // Whatever else a shell puts into that file stays.
     let script = "{ echo before; \"$0\" \"$@\"; echo after; } > both";
     let arguments = words("render --width 9 --height 9 --samples 1 -q -o -");
-    let mut shell = folder.command(&[]);
-    shell = {
-        let mut sh = Command::new("sh");
-        sh.envs(shell.get_envs().filter_map(|(key, value)| Some((key, value?)))).current_dir(folder.path(""));
-        sh
-    };
-    let ran = shell.args(["-c", script]).arg(program()).args(arguments).status().expect("a shell starts");
+    let ran = folder.shell(script, &arguments).status().expect("a shell starts");
     assert!(ran.success());
     let image = fs::read(folder.path("a.exr")).expect("it is written");
     let both = [b"before\n", &image[..], b"after\n"].concat();
@@ -373,10 +367,8 @@ fn who_is_asked_to_end_writes_what_is_done() {
     }
 
     // As `nohup` starts it: the terminal's end is not the render's.
-    let mut command = Command::new("sh");
-    command.args(["-c", "trap '' HUP; exec \"$0\" \"$@\""]).arg(program()).args(&endless);
-    let command = command.current_dir(folder.path("")).env("RAYWAVE_CACHE", "off").stderr(Stdio::null());
-    let mut child = command.spawn().expect("a shell starts");
+    let mut command = folder.shell("trap '' HUP; exec \"$0\" \"$@\"", &endless);
+    let mut child = command.stderr(Stdio::null()).spawn().expect("a shell starts");
     await_handler(&mut child);
     sleep(Duration::from_millis(300));
     signal("HUP", &child);

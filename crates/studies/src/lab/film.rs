@@ -1,6 +1,7 @@
 //! What a film file tells of its render, and when two are parts of one.
 
 use std::fmt;
+use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -104,6 +105,12 @@ impl AboutFilm {
             record: record(scene, settings, device, statistics),
             counters: Counters::of(statistics),
         }
+    }
+
+    /// Numbers of the samples that each pixel is to have.
+    pub fn sample_numbers(&self) -> Vec<Range<u32>> {
+        let halves = self.record.get("halves") == Some(&Value::Bool(true));
+        Settings { halves, ..Settings::default() }.sample_numbers(self.samples)
     }
 
     /// As JSON, for a film file.

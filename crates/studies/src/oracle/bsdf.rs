@@ -130,7 +130,7 @@ impl Bsdf {
             }
             Surface::Plastic { .. } if material.is_rough() => Integrals::Coat {
                 through: Some(ByCosine::let_through(round, eta)),
-                inner: ByCosine::sent_back(round, 1.0 / eta).mean,
+                inner: ByCosine::sent_back(round, 1.0 / eta).mean_of_mitsuba(),
             },
             Surface::Plastic { .. } => {
                 Integrals::Coat { through: None, inner: mean_over_cosine(|cosine| reflectance(cosine, 1.0 / eta)) }

@@ -148,6 +148,11 @@ impl ByCosine {
         self.values[left] + (self.values[left + 1] - self.values[left]) * (place - left as f64)
     }
 
+    /// Its mean as Mitsuba takes it: of 64 equal steps, the first and the last in full.
+    pub fn mean_of_mitsuba(&self) -> f64 {
+        (0..64).map(|i| f64::from(i) / 63.0).map(|cosine| cosine * self.at(cosine)).sum::<f64>() / 32.0
+    }
+
     /// Light that facets of a mirror lose by one scattering.
     pub fn lost_by_mirrors(facets: Facets) -> Self {
         Self::of(|cosine| 1.0 - facets.back_and_through(cosine, &|_| 1.0, None).0)
