@@ -8,14 +8,12 @@ use thiserror::Error;
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum GpuError {
     #[error(
-        "no Vulkan loader was found ({0}); install it: on Debian or Ubuntu `apt install libvulkan1 mesa-vulkan-drivers`"
+        "no Vulkan loader was found ({0}); install it: on Debian or Ubuntu `apt install libvulkan1 mesa-vulkan-drivers`; `raywave devices --why` says more"
     )]
     NoLoader(ash::LoadingError),
-    #[error(
-        "no Vulkan driver was found; install one: `apt install mesa-vulkan-drivers` gives lavapipe, which needs no GPU, or install the driver of your card"
-    )]
-    NoDriver,
-    #[error("no device is a Vulkan 1.2 device with compute; `raywave devices` lists what there is")]
+    #[error("no Vulkan driver was found: {cause}; `raywave devices --why` says more")]
+    NoDriver { cause: String },
+    #[error("no device is a Vulkan 1.2 device with compute; `raywave devices --why` says what there is")]
     NoUsableDevice,
     #[error("no device is called or numbered '{wanted}'; there are: {available}")]
     UnknownDevice { wanted: String, available: String },

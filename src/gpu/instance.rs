@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 use ash::{ext, khr, nv, vk};
 
 use super::clock::Calibrates;
+use super::discovery::Discovery;
 use super::error::{Action, GpuError};
 use super::executables::Multiprocessors;
 use super::labels;
@@ -185,7 +186,8 @@ impl Instance {
         };
 
         // SAFETY: enumeration has no preconditions.
-        let listed = unsafe { entry.enumerate_instance_extension_properties(None) }.during("listing extensions")?;
+        let listed = unsafe { entry.enumerate_instance_extension_properties(None) }
+            .map_err(|result| not_started("listing extensions", result))?;
         let lists = |name| listed.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name));
         let has_debug_utils = labels::extension_wanted(tools.labels, validation, lists(ext::debug_utils::NAME))?;
 
@@ -206,10 +208,8 @@ impl Instance {
             info = info.push_next(&mut features);
         }
         // SAFETY: every pointer in `info` refers to a local that outlives the call.
-        let raw = unsafe { entry.create_instance(&info, None) }.map_err(|result| match result {
-            vk::Result::ERROR_INCOMPATIBLE_DRIVER => GpuError::NoDriver,
-            result => GpuError::Vulkan { action: "starting Vulkan", result },
-        })?;
+        let raw =
+            unsafe { entry.create_instance(&info, None) }.map_err(|result| not_started("starting Vulkan", result))?;
 
         let messages = Arc::new(Messages::default());
         let mut instance = Self { raw, tools, has_debug_utils, validated_version, messenger: None, messages, entry };
@@ -259,7 +259,10 @@ impl Instance {
                 devices.push(device);
             }
         }
-        if devices.is_empty() { Err(GpuError::NoDriver) } else { Ok(devices) }
+        if devices.is_empty() {
+            return Err(no_driver());
+        }
+        Ok(devices)
     }
 
     /// The device with that number or with that text in its name or its driver's, whatever the
@@ -503,6 +506,22 @@ impl Drop for Instance {
             self.raw.destroy_instance(None);
         }
     }
+}
+
+/// Why Vulkan does not start. Of a driver's file that it cannot read a loader says that memory was short.
+fn not_started(action: &'static str, result: vk::Result) -> GpuError {
+    match result {
+        vk::Result::ERROR_INCOMPATIBLE_DRIVER => no_driver(),
+        vk::Result::ERROR_OUT_OF_HOST_MEMORY => {
+            Discovery::first_problem().map_or(GpuError::Vulkan { action, result }, |cause| GpuError::NoDriver { cause })
+        }
+        result => GpuError::Vulkan { action, result },
+    }
+}
+
+fn no_driver() -> GpuError {
+    let cause = Discovery::first_problem().unwrap_or_else(|| "the drivers that there are have no device".to_owned());
+    GpuError::NoDriver { cause }
 }
 
 /// Stores a message of the validation layer.

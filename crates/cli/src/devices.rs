@@ -2,7 +2,9 @@
 
 use std::fmt::Write as _;
 
-use raywave::gpu::{DeviceDescription, Instance};
+use anyhow::ensure;
+
+use raywave::gpu::{DeviceDescription, Discovery, Instance};
 
 use super::{print, readable_bytes};
 
@@ -11,9 +13,15 @@ pub struct DevicesArguments {
     /// Device that would be chosen, by number or part of its name
     #[arg(long, env = "RAYWAVE_DEVICE")]
     device: Option<String>,
+    /// Say what keeps devices from being found: the loader, drivers and their files, environment variables, permissions
+    #[arg(long)]
+    why: bool,
 }
 
 pub fn run(arguments: &DevicesArguments) -> anyhow::Result<()> {
+    if arguments.why {
+        return explain();
+    }
     let instance = Instance::new(false)?;
     let devices = instance.devices()?;
     let chosen = instance.choose(arguments.device.as_deref());
@@ -28,6 +36,15 @@ pub fn run(arguments: &DevicesArguments) -> anyhow::Result<()> {
     }
     print(&text)?;
     chosen?;
+    Ok(())
+}
+
+/// What was found on the way to the devices, a line each.
+fn explain() -> anyhow::Result<()> {
+    let discovery = Discovery::new();
+    let lines: Vec<String> = discovery.findings.iter().map(|finding| format!("{finding}\n")).collect();
+    print(&lines.concat())?;
+    ensure!(discovery.has_device, "there is no device that can be used; the problems say why");
     Ok(())
 }
 

@@ -146,6 +146,9 @@ impl Figures {
 
     fn in_words(&self) -> String {
         let count = HumanCount(self.total);
+        if self.samples == 0.0 {
+            return format!("{count} samples");
+        }
         let error = self.error.map_or(String::new(), |error| format!(", relMSE {error:.1e}"));
         format!("{count} samples, {:.2} M samples/s, {:.2} M rays/s{error}", self.samples / 1e6, self.rays / 1e6)
     }
