@@ -16,7 +16,7 @@ pub enum ProgressKind {
     Bar,
     /// Lines of Open Job Description on stdout: openjd_progress, openjd_status, openjd_fail
     Openjd,
-    /// An object a line on stdout: samples_done, samples_total, elapsed_seconds, eta_seconds, samples_per_second, rays_per_second
+    /// An object a line on stdout: samples_done, samples_total, elapsed_seconds, eta_seconds, samples_per_second, rays_per_second, rel_mse
     Json,
 }
 
@@ -149,7 +149,8 @@ impl Figures {
         if self.samples == 0.0 {
             return format!("{count} samples");
         }
-        format!("{count} samples, {:.2} M samples/s, {:.2} M rays/s", self.samples / 1e6, self.rays / 1e6)
+        let error = self.error.map_or(String::new(), |error| format!(", relMSE {error:.1e}"));
+        format!("{count} samples, {:.2} M samples/s, {:.2} M rays/s{error}", self.samples / 1e6, self.rays / 1e6)
     }
 
     /// The line, or lines, that tell of it.
@@ -162,6 +163,7 @@ impl Figures {
                 "eta_seconds": self.seconds_left(),
                 "samples_per_second": self.samples,
                 "rays_per_second": self.rays,
+                "rel_mse": self.error,
             });
             return told.to_string();
         }
