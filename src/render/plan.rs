@@ -363,8 +363,8 @@ mod tests {
                     }
                     taken.add(batch, tile.rows * width);
                     if taken.is_of_rows(width) {
-                        let bands = taken.bands(tile, width);
-                        let told = bands.iter().flat_map(|band| vec![band.samples; (band.rows * width) as usize]);
+                        let rows = taken.rows(tile, width).filter(|(_, samples)| *samples > 0);
+                        let told = rows.flat_map(|(rows, samples)| vec![samples; (rows * width) as usize]);
                         let first = (tile.first_row * width) as usize;
                         let has = next[first..].iter().take((tile.rows * width) as usize).filter(|&&n| n > 0);
                         prop_assert!(told.eq(has.copied()));
