@@ -440,7 +440,7 @@ impl Film {
 
     /// relMSE of the image by the difference of two halves of its samples, of which the second begins at a number: the
     /// mean over pixels and channels of (a - b)² / 4 over n² + 0.01, where a and b are the means of the halves and n that of
-    /// the pixels around. The halves are independent, so that the square is on average what the mean of both is off by,
+    /// both or, if that is less, that of the pixels around. The halves are independent, so that the square is on average what the mean of both is off by,
     /// whatever the sampler. The pixel's own mean would be no measure of it: a stray bright sample would excuse itself.
     /// `None` where a pixel has no sample in one of them, or more in one than in the other.
     pub fn error_by_halves(&self, second: u32) -> Option<f64> {
@@ -476,7 +476,8 @@ impl Film {
                 }
                 let (own, squared) = pixels[y * width + x];
                 let around = if count > 1.0 { (around - own) / (count - 1.0) } else { own };
-                (squared / (around * around + DARK)).element_sum()
+                let mean = own.min(around);
+                (squared / (mean * mean + DARK)).element_sum()
             };
             (0..width).map(of_pixel).sum::<f64>()
         };

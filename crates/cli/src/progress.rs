@@ -16,7 +16,7 @@ pub enum ProgressKind {
     Bar,
     /// Lines of Open Job Description on stdout: openjd_progress, openjd_status, openjd_fail
     Openjd,
-    /// An object a line on stdout: samples_done, samples_total, elapsed_seconds, eta_seconds, samples_per_second, rays_per_second
+    /// An object a line on stdout: samples_done, samples_total, elapsed_seconds, eta_seconds, samples_per_second, rays_per_second, rel_mse
     Json,
 }
 

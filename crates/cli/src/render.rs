@@ -104,7 +104,7 @@ impl Encoding {
 
 fn stops(text: &str) -> Result<f32, String> {
     let stops = text.parse::<f32>().ok().filter(|stops| stops.is_finite());
-    stops.ok_or_else(|| "it is not a number of stops".to_owned())
+    stops.ok_or_else(|| "it is no number of stops".to_owned())
 }
 
 /// A format of images.

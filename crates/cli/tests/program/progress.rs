@@ -32,8 +32,15 @@ fn taken(object: &Value) -> f64 {
 fn json_is_an_object_a_line_and_ends_with_all_samples() {
     let folder = Folder::new();
     let told = objects(&render(&folder, "-o a.exr --stats a.json --progress json"));
-    let keys =
-        ["samples_done", "samples_total", "elapsed_seconds", "eta_seconds", "samples_per_second", "rays_per_second"];
+    let keys = [
+        "samples_done",
+        "samples_total",
+        "elapsed_seconds",
+        "eta_seconds",
+        "samples_per_second",
+        "rays_per_second",
+        "rel_mse",
+    ];
     for object in &told {
         let found: Vec<_> = object.as_object().expect("objects").keys().collect();
         assert_eq!(found, keys);
