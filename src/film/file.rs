@@ -224,7 +224,8 @@ fn parse(mut file: impl BufRead, length: u64) -> Result<FilmFile, ParseError> {
     if pixels == 0 || pixels > MAX_PIXELS {
         return damaged(format!("an image of {width}x{height} is none that is rendered"));
     }
-    if !header.block_samples.is_power_of_two() || !(header.radiance_scale > 0.0 && header.radiance_scale.is_finite()) {
+    let has_scale = header.radiance_scale > 0.0 && header.radiance_scale.is_finite();
+    if !(header.block_samples.is_power_of_two() && has_scale) {
         return damaged("its blocks or its unit of radiance are none that are rendered");
     }
     let (mut row, mut offset) = (0, 0);

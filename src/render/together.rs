@@ -75,10 +75,10 @@ impl Pool {
 
 /// What a device has to tell.
 enum News {
-    /// So many samples and rays more.
+    /// So many samples more.
     Taken(u64),
     /// It has ended.
-    Ended(usize, Result<Statistics, RenderError>),
+    Ended(usize, Box<Result<Statistics, RenderError>>),
 }
 
 /// Renders the samples that the film in `kept` lacks by all sessions, which are of the same scene and settings on different
@@ -119,14 +119,14 @@ pub fn render_together(
             scope.spawn(move || {
                 let outcome = work(session, device, pool, stop, &news);
                 // The host listens until all have ended.
-                let _ = news.send(News::Ended(device, outcome));
+                let _ = news.send(News::Ended(device, Box::new(outcome)));
             });
         }
         drop(news);
         loop {
             match heard.recv_timeout(EVERY) {
                 Ok(News::Taken(more)) => taken += more,
-                Ok(News::Ended(device, outcome)) => ended[device] = Some(outcome),
+                Ok(News::Ended(device, outcome)) => ended[device] = Some(*outcome),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }

@@ -200,10 +200,9 @@ impl Settings {
     /// The numbers of the first `samples` samples of each pixel: from 0 on, or half of them from 0 on and half from
     /// [`SECOND_HALF`] on.
     pub fn sample_numbers(&self, samples: u32) -> Vec<Range<u32>> {
-        match self.halves {
-            true => vec![0..samples.div_ceil(2), SECOND_HALF..SECOND_HALF + samples / 2],
-            false => vec![0..samples],
-        }
+        let first = if self.halves { samples.div_ceil(2) } else { samples };
+        let second = SECOND_HALF..SECOND_HALF + samples - first;
+        [0..first, second].into_iter().filter(|numbers| !numbers.is_empty()).collect()
     }
 
     /// Whether they make sense together.

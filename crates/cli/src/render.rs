@@ -255,10 +255,10 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let about = |statistics: &Statistics| AboutFilm::new(&scene, &settings, &description, statistics);
     let mut progress = |progress: &Progress<'_>| {
         teller.show(progress);
-        if let (Some(film), Some(kept)) = (&mut film, progress.looked) {
-            if let Err(error) = film.save_if_due(kept, about) {
-                warn(&format!("{error:#}; the render goes on without"));
-            }
+        if let (Some(film), Some(kept)) = (&mut film, progress.looked)
+            && let Err(error) = film.save_if_due(kept, about)
+        {
+            warn(&format!("{error:#}; the render goes on without"));
         }
         if !interrupted.load(Ordering::Relaxed)
             && arguments.time.is_none_or(|time| progress.elapsed.as_secs_f64() < time)
