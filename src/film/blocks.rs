@@ -269,6 +269,15 @@ impl Film {
         Self { width, height, block_samples, radiance_scale, strips }
     }
 
+    /// Most bytes of memory that a film of so many samples of each pixel takes, up to its last block: its runs, two of which
+    /// are added at a time, and a block as the device has it.
+    pub fn most_bytes(width: u32, height: u32, block_samples: u32, samples: u32) -> u64 {
+        let blocks = samples.div_ceil(block_samples);
+        let runs = u64::from(blocks.checked_ilog2().unwrap_or(0)) + 1;
+        let pixel = runs * size_of::<PixelSums>() as u64 + 2 * size_of::<FilmPixel>() as u64;
+        u64::from(width) * u64::from(height) * pixel
+    }
+
     /// A film of these strips, which a file tells.
     pub(super) fn of_strips(
         width: u32,
@@ -599,4 +608,123 @@ fn total(runs: &[Run], pixel: usize) -> PixelSums {
         sums
     };
     sums.reduce(add).unwrap_or(PixelSums::zeroed())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const WIDTH: u32 = 3;
+    const HEIGHT: u32 = 5;
+
+    /// What a device would have of a block's first samples in some rows: numbers whose sum depends on its order.
+    fn device(rows: &Range<u32>, block: u32, samples: u32) -> Vec<FilmPixel> {
+        let pixel = |pixel: u32| {
+            let value = (((pixel * 31 + block * 17 + samples) % 23) as f32 + 0.1).exp2() * 1e-3;
+            let lanes = |scale: f32| [value * scale, value * scale * 3.7, value * scale / 9.1, 0.0];
+            FilmPixel {
+                sum: lanes(1.0),
+                sum_compensation: lanes(1e-9),
+                squares: lanes(value),
+                squares_compensation: lanes(1e-8),
+            }
+        };
+        (rows.start * WIDTH..rows.end * WIDTH).map(|place| pixel(place % 7)).collect()
+    }
+
+    /// The film of all blocks, taken in order.
+    fn whole(samples: u32, size: u32) -> Film {
+        let mut film = Film::new(WIDTH, HEIGHT, size, 0.5);
+        while let Some(Missing { block, from, to }) = film.missing(0, &(0..samples)) {
+            let taken = to - block * size;
+            assert_eq!(from, block * size);
+            film.put(0, block, &[(HEIGHT, taken)], device(&(0..HEIGHT), block, taken));
+        }
+        film
+    }
+
+    proptest! {
+        #[test]
+        fn any_parts_in_any_order_add_up_to_the_same_bits(
+            samples in 1..200_u32, log_size in 0..5_u32,
+            owners in prop::collection::vec(0..4_usize, 200), order in Just([0, 1, 2, 3]).prop_shuffle(),
+            rows in prop::collection::vec(1..4_u32, 5), saved in 0..200_u32,
+        ) {
+            let size = 1 << log_size;
+            let blocks = samples.div_ceil(size);
+            let mut parts = vec![Film::new(WIDTH, HEIGHT, size, 0.5); 4];
+            for block in 0..blocks {
+                let part = &mut parts[owners[block as usize]];
+                let most = size.min(samples - block * size);
+                // In strips, of which some were looked at before they were full.
+                let mut row = 0;
+                for rows in rows.iter().copied().cycle() {
+                    let rows = row..HEIGHT.min(row + rows);
+                    if rows.is_empty() {
+                        break;
+                    }
+                    let some = saved % most;
+                    let ahead = rows.len() as u32 / 2;
+                    let looks = [[(ahead, most), (rows.len() as u32 - ahead, some)], [(0, 0), (rows.len() as u32, most)]];
+                    for bands in looks {
+                        let mut pixels = Vec::new();
+                        let mut first = rows.start;
+                        for (count, taken) in bands {
+                            pixels.extend(device(&(first..first + count), block, taken));
+                            first += count;
+                        }
+                        part.put(rows.start, block, &bands, pixels);
+                    }
+                    row = rows.end;
+                }
+                part.join();
+            }
+            let mut merged = Film::new(WIDTH, HEIGHT, size, 0.5);
+            for number in order {
+                merged.merge(parts[number].clone(), Overlap::Refused).expect("each block has one owner");
+            }
+            let whole = whole(samples, size);
+            prop_assert!(merged.gaps(&(0..samples)).is_empty());
+            prop_assert_eq!(merged.samples_of(&(0..samples)), u64::from(samples * WIDTH * HEIGHT));
+            prop_assert_eq!(&merged, &whole);
+            // A part twice is refused, and once with the other rule.
+            if parts[0].sample_count() > 0 && parts[0].strips()[0].runs.iter().any(|run| run.samples == run.blocks * size) {
+                prop_assert!(merged.clone().merge(parts[0].clone(), Overlap::Refused).is_err());
+            }
+            merged.merge(parts[0].clone(), Overlap::Once).expect("it counts once");
+            prop_assert_eq!(merged, whole);
+        }
+
+        #[test]
+        fn gaps_are_the_blocks_that_nobody_has(samples in 1..200_u32, has in prop::collection::vec(any::<bool>(), 200)) {
+            let size = 8;
+            let mut film = Film::new(WIDTH, HEIGHT, size, 1.0);
+            let blocks = samples.div_ceil(size);
+            for block in (0..blocks).filter(|block| has[*block as usize]) {
+                let taken = size.min(samples - block * size);
+                film.put(0, block, &[(HEIGHT, taken)], device(&(0..HEIGHT), block, taken));
+            }
+            let gaps = film.gaps(&(0..samples));
+            for block in 0..blocks {
+                let is_gap = gaps.iter().any(|gap| gap.contains(&block));
+                prop_assert_eq!(is_gap, !has[block as usize], "block {} of {:?}", block, gaps);
+            }
+        }
+    }
+
+    #[test]
+    fn a_long_sum_keeps_its_digits() {
+        // So many that a running sum in f32 would stop to grow.
+        const BLOCKS: u32 = 1 << 14;
+        let mut film = Film::new(1, 1, 1 << 10, 1.0);
+        let value = 0.1_f32 * 1024.0;
+        for block in 0..BLOCKS {
+            let pixel = FilmPixel { sum: [value; 4], ..FilmPixel::zeroed() };
+            film.put(0, block, &[(1, 1 << 10)], vec![pixel]);
+        }
+        let moments = film.moments(0);
+        assert_eq!((moments.samples, film.strips()[0].runs.len()), (1 << 24, 1));
+        assert_eq!(moments.sum[0].x, f64::from(value) * f64::from(BLOCKS));
+    }
 }

@@ -10,8 +10,9 @@ use raywave::film::{Film, FilmFile, FilmLock, read_film, write_film};
 use raywave::render::{Kept, Statistics};
 use raywave::settings::Settings;
 use raywave::whole_file;
-use raywave_studies::lab::{AboutFilm, Counters};
+use raywave_studies::lab::{AboutFilm, Counters, available_memory};
 
+use super::readable_bytes;
 use super::tradeoff::duration;
 
 /// The film that a render keeps.
@@ -137,10 +138,25 @@ impl FilmOnDisk {
     /// Saves the film, with what all of its samples have cost.
     pub fn save(&mut self, film: &Film, about: AboutFilm) -> anyhow::Result<()> {
         let about = AboutFilm { counters: about.counters.plus(&self.before), ..about };
-        write_film(&self.path, film, &about.to_map())?;
+        let written = write_film(&self.path, film, &about.to_map());
         self.saved = Instant::now();
-        Ok(())
+        Ok(written?)
     }
+}
+
+/// Refuses a film that does not fit the host's memory, before anything of it is there.
+pub fn check_memory(settings: &Settings) -> anyhow::Result<()> {
+    let Settings { width, height, samples, .. } = *settings;
+    let needed = Film::most_bytes(width, height, settings.block_samples(), samples);
+    let Some(available) = available_memory() else { return Ok(()) };
+    ensure!(
+        needed <= available,
+        "a film of {width}x{height} with {samples} samples per pixel takes up to {} of memory, and {} are available; use a \
+         smaller --width or --height, or a larger --block-samples",
+        readable_bytes(needed),
+        readable_bytes(available)
+    );
+    Ok(())
 }
 
 /// Reads a film and what it tells of its render.

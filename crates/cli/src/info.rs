@@ -12,6 +12,7 @@ use super::picture::PictureArguments;
 use super::{compiled, load_scene, print, readable_bytes};
 use raywave::bvh::Bvh;
 use raywave::facts::{self, Facts};
+use raywave::film::Film;
 use raywave::gpu::Device;
 use raywave::render::{Defaults, FeatureCost, Footprint, PreparedScene, Session, feature_costs};
 use raywave::scene::Scene;
@@ -279,6 +280,8 @@ impl Report<'_> {
         }
         let memory = |footprint: &Footprint| readable_bytes(sum(&footprint.scene_bytes));
         row("device memory", memory(&own), memory(&any))?;
+        let film = Film::most_bytes(settings.width, settings.height, settings.block_samples(), settings.samples);
+        row("host, with --film", readable_bytes(film), readable_bytes(film))?;
         let per_triangle = |bytes: u64| format!("{:.1} B", bytes as f64 / triangles as f64);
         row("  a triangle", per_triangle(sum(&own.scene_bytes)), per_triangle(sum(&any.scene_bytes)))?;
         for (buffer, bytes) in &any.scene_bytes {

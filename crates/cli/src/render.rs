@@ -27,7 +27,7 @@ use raywave_studies::export::plain;
 use raywave_studies::lab::{self, AboutFilm, Tuning, tuning};
 use raywave_studies::studies::CompiledKernelRow;
 
-use super::film::{Blocks, FilmArguments, FilmOnDisk};
+use super::film::{Blocks, FilmArguments, FilmOnDisk, check_memory};
 use super::picture::PictureArguments;
 use super::progress::{ProgressKind, Teller};
 use super::tradeoff::duration;
@@ -156,27 +156,7 @@ const EVEN_WITHIN: Duration = Duration::from_millis(250);
 
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let begun = Instant::now();
-    let outputs = [
-        ("--output", &arguments.output),
-        ("--film", &arguments.film.film),
-        ("--stats", &arguments.stats),
-        ("--trace", &arguments.trace),
-    ];
-    let mut named: Vec<(&str, &PathBuf)> = Vec::new();
-    for (flag, path) in outputs.into_iter().filter_map(|(flag, path)| Some((flag, path.as_ref()?))) {
-        match flag {
-            "--output" => check_output(path, arguments.encoding.format())?,
-            _ => check_text_output(path)?,
-        }
-        for (other, taken) in &named {
-            ensure!(!whole_file::is_same(path, taken)?, "{}: {flag} and {other} name the same file", path.display());
-        }
-        ensure!(
-            !(arguments.progress.is_on_stdout() && whole_file::is_stdout(path)),
-            "{flag} and --progress both go to stdout; write to a file, or take --progress bar"
-        );
-        named.push((flag, path));
-    }
+    check_outputs(arguments)?;
     let stages = if arguments.trace.is_some() { Stages::kept() } else { Stages::default() };
     let tools = Tools { labels: arguments.labels, stages: stages.clone(), ..Tools::default() };
     let loading = stages.begin("load scene");
@@ -185,6 +165,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let mut settings = arguments.picture.settings(&scene)?;
     arguments.ends_by(&mut settings)?;
     let mut film = FilmOnDisk::open(&arguments.film, &mut settings)?;
+    if film.is_some() || arguments.devices.is_some() {
+        check_memory(&settings)?;
+    }
     let mut others = match &arguments.devices {
         Some(list) => open_devices(list, tools.clone())?,
         None => Vec::new(),
@@ -202,34 +185,15 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     }
     let prepared = PreparedScene::in_stages(&scene, &settings, &defaults, &stages)?;
     let options = SessionOptions { tuned: defaults.tuned, ..SessionOptions::default() };
-    let start = |device: &Device| -> anyhow::Result<Session> {
-        let mut session = Session::with_options(device, &prepared, &settings, options)?;
-        if let Some(Blocks(blocks)) = &arguments.film.blocks {
-            session.take_blocks(blocks.clone());
-        }
-        Ok(session)
+    let of_blocks = |mut session: Session| {
+        arguments.film.blocks.iter().for_each(|Blocks(blocks)| session.take_blocks(blocks.clone()));
+        session
     };
+    let start = |device: &Device| Session::with_options(device, &prepared, &settings, options).map(of_blocks);
     let session = start(&device)?;
-    let mut sessions = others
-        .iter()
-        .map(|device| {
-            let mut session = Renderer::new(device)?.session(&scene, &settings)?;
-            if let Some(Blocks(blocks)) = &arguments.film.blocks {
-                session.take_blocks(blocks.clone());
-            }
-            Ok(session)
-        })
-        .collect::<anyhow::Result<Vec<_>>>()?;
-    let mut description = device.description().clone();
-    for other in others.iter().map(Device::description) {
-        ensure!(
-            lab::is_portable(&settings) || other.cache_name() == device.description().cache_name(),
-            "{} and {} do not compute the same bits with --numerics native or --fast-math; leave these out, or take one device",
-            device.description().name,
-            other.name
-        );
-        description.name += &format!(" + {}", other.name);
-    }
+    let description = of_all(&device, &others, &settings)?;
+    let start_other = |device: &Device| Renderer::new(device)?.session(&scene, &settings).map(of_blocks);
+    let mut sessions: Vec<Session> = others.iter().map(start_other).collect::<Result<_, _>>()?;
     if let Some(film) = &film {
         film.check(&AboutFilm::new(&scene, &settings, &description, &session.nothing()))?;
     }
@@ -268,7 +232,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         let waited = interrupted_at.get_or_insert_with(Instant::now).elapsed();
         ControlFlow::Break(if waited < EVEN_WITHIN { Ending::Even } else { Ending::Now })
     };
-    let shares = !sessions.is_empty();
+    let keeps_film = arguments.film.film.is_some() || arguments.devices.is_some();
     let by_rounds = arguments.time.is_some() || arguments.target_error.is_some();
     let mut picture = Picture::new(&settings)?;
     let clocks = clocks::of_device(device.description().uuid);
@@ -276,7 +240,6 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let clocks_before = state();
     let mut traces = Vec::new();
     let most_passes = arguments.trace.is_some().then_some(trace::MOST_PASSES);
-    let keeps_film = arguments.film.film.is_some();
     let mut error = None;
     let mut go_on = |mut session: Session, kept: &mut Kept| -> anyhow::Result<Statistics> {
         most_passes.map_or(Ok(()), |most| session.keep_trace(most))?;
@@ -306,7 +269,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     if let Some(lost) = lost {
         let count = HumanCount(kept.sample_count());
         tell!("warning: {lost}; it is opened anew, and the render goes on from {count} samples");
-        rendered = open_device_with(arguments.picture.device(), tools).and_then(|again| {
+        let first = arguments.devices.as_ref().map(|_| device.description().name.clone());
+        rendered = open_device_with(first.as_deref().or(arguments.picture.device()), tools).and_then(|again| {
             let name = again.description().cache_name();
             ensure!(name == device.description().cache_name(), "{lost}; it did not come back");
             device = again;
@@ -323,13 +287,15 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         (Err(error), Some(statistics)) if statistics.rows > 0 => (statistics.clone(), Some(error)),
         (Err(error), _) => return Err(error),
     };
+    // A film that cannot be saved costs no image.
+    let mut saved = Ok(());
     let (image, mean) = match &mut film {
         Some(film) => {
             let kept = kept.film().expect("it has rendered");
-            film.save(kept, about(&statistics))?;
+            saved = film.save(kept, about(&statistics));
             (kept.image(), kept.mean())
         }
-        None if by_rounds || shares => {
+        None if by_rounds || keeps_film => {
             let kept = kept.film().expect("it has rendered");
             (kept.image(), kept.mean())
         }
@@ -367,6 +333,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         summarise(arguments, &report, &statistics);
         warn_of_dropped(&traces);
     }
+    saved?;
     faults?;
     Ok(())
 }
@@ -384,6 +351,47 @@ fn warn_of_dropped(traces: &[DeviceTrace]) {
 fn is_lost_device(error: &anyhow::Error) -> bool {
     let lost = error.downcast_ref::<RenderError>();
     matches!(lost, Some(RenderError::Gpu(GpuError::DeviceLost { .. })))
+}
+
+/// What is told of devices that share a render: the first one's description with the names of all.
+fn of_all(first: &Device, others: &[Device], settings: &Settings) -> anyhow::Result<DeviceDescription> {
+    let mut all = first.description().clone();
+    for other in others.iter().map(Device::description) {
+        ensure!(
+            lab::is_portable(settings) || other.cache_name() == first.description().cache_name(),
+            "{} and {} do not compute the same bits with --numerics native or --fast-math; leave these out, or take one device",
+            first.description().name,
+            other.name
+        );
+        all.name += &format!(" + {}", other.name);
+    }
+    Ok(all)
+}
+
+/// Says what cannot be written, before the work begins.
+fn check_outputs(arguments: &RenderArguments) -> anyhow::Result<()> {
+    let outputs = [
+        ("--output", &arguments.output),
+        ("--film", &arguments.film.film),
+        ("--stats", &arguments.stats),
+        ("--trace", &arguments.trace),
+    ];
+    let mut named: Vec<(&str, &PathBuf)> = Vec::new();
+    for (flag, path) in outputs.into_iter().filter_map(|(flag, path)| Some((flag, path.as_ref()?))) {
+        match flag {
+            "--output" => check_output(path, arguments.encoding.format())?,
+            _ => check_text_output(path)?,
+        }
+        for (other, taken) in &named {
+            ensure!(!whole_file::is_same(path, taken)?, "{}: {flag} and {other} name the same file", path.display());
+        }
+        ensure!(
+            !(arguments.progress.is_on_stdout() && whole_file::is_stdout(path)),
+            "{flag} and --progress both go to stdout; write to a file, or take --progress bar"
+        );
+        named.push((flag, path));
+    }
+    Ok(())
 }
 
 /// The image of a render that keeps no film: of a tile that is done it has the mean, a quarter of the sums.

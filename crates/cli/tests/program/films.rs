@@ -130,6 +130,11 @@ fn other_renders_are_refused_by_what_differs() {
     folder.scene("lamp", CAMERA, "v -1 -1 0\nv 1 -1 0\nv 0 1 0.5\nf 1 2 3\n");
     let said = refused(&folder, &format!("{RENDER} --film a.film --resume"));
     assert!(said.contains("scene_hash"), "{said}");
+    let said = refused(
+        &folder,
+        "render lamp.toml --width 16384 --height 16384 --samples 16000000 --block-samples 1 --film c.film",
+    );
+    assert!(said.contains("of memory") && said.contains("are available"), "{said}");
     let said = refused(&folder, &format!("{RENDER} --film c.film --blocks 3-7"));
     assert!(said.contains("7 blocks"), "{said}");
 }

@@ -1,6 +1,7 @@
 //! The machine around the device: its memory, its processor, and where it keeps what a later run can use again.
 
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use crate::studies::{Cpu, Provenance};
 use raywave::gpu::{DeviceDescription, DeviceKind};
@@ -18,12 +19,7 @@ pub fn cache_folder() -> Option<PathBuf> {
 /// Bytes of memory that a device has. A software device has the host's, whatever its driver says: lavapipe of Mesa 22.3
 /// says 2 GiB on every machine.
 pub(super) fn memory(device: &DeviceDescription) -> u64 {
-    let available = || {
-        let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-        let kibibytes = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-        kibibytes.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kibibytes| kibibytes << 10)
-    };
-    let of_host = if device.is_software() { available() } else { None };
+    let of_host = if device.is_software() { available_memory() } else { None };
     of_host.unwrap_or(0).max(device.memory_bytes)
 }
 
@@ -55,4 +51,21 @@ pub fn sign(device: &DeviceDescription, provenance: Provenance) -> Provenance {
         cpu: (device.kind == DeviceKind::Cpu).then(cpu).flatten(),
         ..provenance
     }
+}
+
+/// Bytes of memory that this process could still take without others giving way, as far as the system tells: what is free
+/// or can be freed, within the limit of its control group.
+pub fn available_memory() -> Option<u64> {
+    let meminfo = fs::read_to_string("/proc/meminfo").ok()?;
+    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let free = line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok()? << 10;
+    let of_group = |name: &str| {
+        let group = fs::read_to_string("/proc/self/cgroup").ok()?;
+        let group = group.lines().find_map(|line| line.strip_prefix("0::"))?.trim_start_matches('/').to_owned();
+        let path = Path::new("/sys/fs/cgroup").join(group).join(name);
+        fs::read_to_string(path).ok()?.trim().parse::<u64>().ok()
+    };
+    // "max" is no number, and no limit.
+    let within = of_group("memory.max").zip(of_group("memory.current")).map(|(most, taken)| most.saturating_sub(taken));
+    Some(within.map_or(free, |within| within.min(free)))
 }

@@ -13,7 +13,7 @@ mod tune;
 pub mod tuning;
 
 pub use film::{AboutFilm, Counters, OtherRender, is_portable};
-pub use host::{cache_folder, sign};
+pub use host::{available_memory, cache_folder, sign};
 pub use kernels::compiled_kernels;
 pub use record::{record, samples_by_rows, settings_record};
 pub use references::References;
