@@ -46,8 +46,8 @@ pub struct RenderArguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     film: FilmArguments,
-    /// Devices that share the render, by numbers or parts of their names with commas between them, or all
-    #[arg(long, value_name = "all|LIST", conflicts_with_all = ["device", "trace", "time", "target_error"])]
+    /// Devices that share the render in place of --device: numbers or parts of names with commas between them, or all
+    #[arg(long, value_name = "all|LIST", conflicts_with_all = ["trace", "time", "target_error"])]
     devices: Option<String>,
     /// End after this time of rendering, with --samples as the most
     #[arg(long, value_name = "TIME", value_parser = duration)]

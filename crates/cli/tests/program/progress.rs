@@ -39,7 +39,7 @@ fn json_is_an_object_a_line_and_ends_with_all_samples() {
         "eta_seconds",
         "samples_per_second",
         "rays_per_second",
-        "rel_mse",
+        "relmse_by_halves",
     ];
     for object in &told {
         let found: Vec<_> = object.as_object().expect("objects").keys().collect();
