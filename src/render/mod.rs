@@ -2,6 +2,7 @@
 //!
 //! `schedule` has the frame function: the passes of a batch under each scheduler. [`Session`] uploads the scene, runs
 //! frame after frame and reads the film; it can also freeze a queue of rays, which [`Replay`] traces with one kernel.
+//! `rounds` ends a render by its error, and `together` shares one among devices.
 //!
 //! Around these: [`PreparedScene`] is the scene as the kernels read it; [`Plan`] computes sizes and batches, `buffers`
 //! the sizes of buffers, and `pace` how many paths a batch may have; [`Footprint`] reports what kernels and buffers
