@@ -71,7 +71,7 @@ fn parts_are_the_whole_to_the_bit() {
             // Blocks 0 to 7, 8 and 9, 10, and the begun one.
             assert_eq!(whole.strips()[0].runs.iter().map(|run| run.samples).collect::<Vec<_>>(), [64, 16, 8, 4]);
             for case in 0..6 {
-                if !cases.next().is_some_and(|case| tries(&device, case, 3)) {
+                if !cases.next().is_some_and(|case| tries(&device, case, 7)) {
                     continue;
                 }
                 let cuts = [1 + drawn(case, BLOCKS - 2), 1 + drawn(case + 100, BLOCKS - 2)];
@@ -115,7 +115,7 @@ fn a_render_goes_on_from_a_film_to_the_bits_of_the_whole() {
     let prepared = prepare(&device, &scene, &settings);
     let whole = part(&device, &prepared, &settings, HEIGHT, 0..BLOCKS);
     for (case, batches) in [1, 2, 9, 40, 77, 120].into_iter().enumerate() {
-        if !tries(&device, case, 2) {
+        if !tries(&device, case, 3) {
             continue;
         }
         let few = Settings { samples: 20, scheduler: Some(Scheduler::Bounce), ..settings };
