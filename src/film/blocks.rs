@@ -327,17 +327,20 @@ impl Film {
         self.strips.iter().find(|strip| strip.first_row == first_row).map(Strip::range)
     }
 
-    fn strip(&mut self, first_row: u32) -> &mut Strip {
-        let place = self.strips.binary_search_by_key(&first_row, |strip| strip.first_row);
-        &mut self.strips[place.expect("a strip begins there")]
+    /// The rows with the same samples that a row is among.
+    pub fn strip(&self, row: u32) -> &Strip {
+        &self.strips[self.place(row)]
+    }
+
+    fn place(&self, row: u32) -> usize {
+        self.strips.partition_point(|strip| strip.first_row <= row) - 1
     }
 
     /// The first samples out of `wanted`, whose first one begins a block, that the rows from `first_row` on lack.
     pub fn missing(&self, first_row: u32, wanted: &Range<u32>) -> Option<Missing> {
-        let place = self.strips.partition_point(|strip| strip.first_row <= first_row) - 1;
         let size = self.block_samples;
         let mut block = wanted.start / size;
-        for run in &self.strips[place].runs {
+        for run in &self.strip(first_row).runs {
             if run.end() <= block {
                 continue;
             }
@@ -360,8 +363,7 @@ impl Film {
 
     /// What there is of a begun block in the rows from `first_row` on, as the device had it; empty where it was not begun.
     pub fn begun(&self, first_row: u32, block: u32) -> &[FilmPixel] {
-        let place = self.strips.partition_point(|strip| strip.first_row <= first_row) - 1;
-        let run = self.strips[place].runs.iter().find(|run| run.first == block);
+        let run = self.strip(first_row).runs.iter().find(|run| run.first == block);
         match run.map(|run| &run.sums) {
             Some(Sums::Open(pixels)) => pixels,
             _ => &[],
@@ -397,7 +399,8 @@ impl Film {
     /// Takes the sums of the rows from `first_row` on out of the film, which keeps what samples they had.
     pub fn take(&mut self, first_row: u32) -> FilmMoments {
         let moments = self.moments(first_row);
-        for run in &mut self.strip(first_row).runs {
+        let place = self.place(first_row);
+        for run in &mut self.strips[place].runs {
             run.sums = match run.sums {
                 Sums::Whole(_) => Sums::Whole(Vec::new()),
                 Sums::Open(_) => Sums::Open(Vec::new()),
@@ -408,8 +411,7 @@ impl Film {
 
     /// The moments of the rows from `first_row` on that have the same samples.
     pub fn moments(&self, first_row: u32) -> FilmMoments {
-        let place = self.strips.binary_search_by_key(&first_row, |strip| strip.first_row);
-        let strip = &self.strips[place.expect("a strip begins there")];
+        let strip = self.strip(first_row);
         let count = strip.rows as usize * self.width as usize;
         let scale = self.radiance_scale;
         let parts: Vec<[Vec<DVec3>; 2]> = parallel::map(count.div_ceil(PART), &|part| {

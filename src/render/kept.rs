@@ -105,7 +105,7 @@ impl Kept {
         let film = self.film_mut();
         let mut row = rows.start;
         while let Some(same) = film.rows_from(row, rows.end.saturating_sub(row)) {
-            let strip = film.strips().iter().find(|strip| strip.first_row == row).expect("it was just found");
+            let strip = film.strip(row);
             if strip.samples() > 0 && !strip.is_taken() {
                 finished(film.take(row));
             }

@@ -13,6 +13,7 @@ use raywave::whole_file;
 use raywave_studies::lab::{AboutFilm, Counters, available_memory};
 
 use super::readable_bytes;
+use super::render::{Encoding, write_with_record};
 use super::tradeoff::duration;
 
 /// The film that a render keeps.
@@ -165,6 +166,17 @@ pub fn read(path: &Path) -> anyhow::Result<(Film, AboutFilm)> {
     let about = AboutFilm::of_map(&about)
         .with_context(|| format!("{}: it does not tell of its render as this raywave does", path.display()))?;
     Ok((film, about))
+}
+
+/// Writes the image of a film, with what a render of all its samples would tell.
+pub fn write_picture(path: &Path, film: &Film, about: &AboutFilm, encoding: &Encoding) -> anyhow::Result<()> {
+    let image = film.image();
+    write_with_record(path, &image, &image.digest(), about.image_record(film), encoding)
+}
+
+/// Sums up what was written of a film.
+pub fn tell_of(written: &Path, film: &Film, about: &AboutFilm) {
+    tell!("{}: {}x{}, {}", written.display(), film.width, film.height, in_words(film, about));
 }
 
 /// Whether a file is a film, by its name.

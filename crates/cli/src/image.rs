@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use raywave::image::check_output;
 
-use super::film::{in_words, read};
+use super::film::{read, tell_of, write_picture};
 use super::output_path;
-use super::render::{Encoding, write_with_record};
+use super::render::Encoding;
 
 /// Write the image of a film, of one that a render keeps just now too
 #[derive(Debug, clap::Args)]
@@ -27,10 +27,9 @@ pub fn run(arguments: &ImageArguments) -> anyhow::Result<()> {
     let output = &arguments.output;
     check_output(output, arguments.encoding.format())?;
     let (film, about) = read(&arguments.film)?;
-    let image = film.image();
-    write_with_record(output, &image, &image.digest(), about.image_record(&film), &arguments.encoding)?;
+    write_picture(output, &film, &about, &arguments.encoding)?;
     if !arguments.quiet {
-        tell!("{}: {}x{}, {}", output.display(), film.width, film.height, in_words(&film, &about));
+        tell_of(output, &film, &about);
     }
     Ok(())
 }

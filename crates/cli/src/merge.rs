@@ -9,9 +9,9 @@ use raywave::image::check_output;
 use raywave_studies::lab::AboutFilm;
 
 use super::check_text_output;
-use super::film::{in_words, is_film, lacking, read};
+use super::film::{is_film, lacking, read, tell_of, write_picture};
 use super::output_path;
-use super::render::{Encoding, write_with_record};
+use super::render::Encoding;
 
 /// Put parts of a render together: to the bits that one render of all would have
 #[derive(Debug, clap::Args)]
@@ -78,12 +78,10 @@ pub fn run(arguments: &MergeArguments) -> anyhow::Result<()> {
     if to_film {
         write_film(output, &film, &about.to_map())?;
     } else {
-        let image = film.image();
-        let record = about.image_record(&film);
-        write_with_record(output, &image, &image.digest(), record, &arguments.encoding)?;
+        write_picture(output, &film, &about, &arguments.encoding)?;
     }
     if !arguments.quiet {
-        tell!("{}: {}x{}, {}", output.display(), film.width, film.height, in_words(&film, &about));
+        tell_of(output, &film, &about);
     }
     Ok(())
 }

@@ -289,20 +289,15 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     };
     // A film that cannot be saved costs no image.
     let mut saved = Ok(());
-    let (image, mean) = match &mut film {
-        Some(film) => {
-            let kept = kept.film().expect("it has rendered");
+    let (image, mean) = if by_rounds || keeps_film {
+        let kept = kept.film().expect("it has rendered");
+        if let Some(film) = &mut film {
             saved = film.save(kept, about(&statistics));
-            (kept.image(), kept.mean())
         }
-        None if by_rounds || keeps_film => {
-            let kept = kept.film().expect("it has rendered");
-            (kept.image(), kept.mean())
-        }
-        None => {
-            kept.end(|rows| picture.add(rows));
-            picture.end(&settings)
-        }
+        (kept.image(), kept.mean())
+    } else {
+        kept.end(|rows| picture.add(rows));
+        picture.end(&settings)
     };
 
     // Here too: it is written even if the device fails now.

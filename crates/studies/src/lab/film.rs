@@ -6,6 +6,7 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
+use raywave::constants::TRACED_SAMPLES;
 use raywave::film::Film;
 use raywave::gpu::DeviceDescription;
 use raywave::render::Statistics;
@@ -37,9 +38,6 @@ pub struct Counters {
 }
 
 impl Counters {
-    /// Most samples that are told.
-    const TRACED: usize = 16;
-
     /// Of a render.
     pub fn of(statistics: &Statistics) -> Self {
         Self {
@@ -56,7 +54,7 @@ impl Counters {
     pub fn plus(&self, other: &Self) -> Self {
         let mut nonfinite_traced = [&self.nonfinite_traced[..], &other.nonfinite_traced].concat();
         nonfinite_traced.sort_unstable();
-        nonfinite_traced.truncate(Self::TRACED);
+        nonfinite_traced.truncate(TRACED_SAMPLES as usize);
         Self {
             camera_rays: self.camera_rays + other.camera_rays,
             bounce_rays: self.bounce_rays + other.bounce_rays,
