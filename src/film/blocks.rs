@@ -14,12 +14,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{FilmMoments, ImageMean, MeanSum};
-use crate::image::Image;
+use crate::image::{DARK, Image};
 use crate::layout::FilmPixel;
 use crate::parallel;
-
-/// What relMSE adds to the square of a pixel's radiance.
-const DARK: f64 = 0.01;
 
 /// Pixels that a thread takes at once.
 const PART: usize = 1 << 14;

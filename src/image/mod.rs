@@ -38,6 +38,10 @@ pub use format::OutputFormat;
 pub use limits::MAX_PIXELS;
 pub use texels::{Encoding, Texels};
 
+/// Keeps relMSE finite if the reference is dark, in radiance squared. The 0.01 of Rousselle, Knaus and Zwicker,
+/// "Adaptive sampling and reconstruction using greedy error minimization", ACM TOG 30 (2011).
+pub const DARK: f64 = 0.01;
+
 /// An image of linear radiance, Rec. 709 primaries.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {

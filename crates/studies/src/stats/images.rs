@@ -7,9 +7,7 @@ use super::{Moments, ZTest, sidak_level, z_test};
 use raywave::image::Image;
 use raywave::parallel;
 
-/// Keeps relMSE finite if the reference is dark, in radiance squared. The 0.01 of Rousselle, Knaus and Zwicker,
-/// "Adaptive sampling and reconstruction using greedy error minimization", ACM TOG 30 (2011).
-pub const DARK: f64 = 0.01;
+pub use raywave::image::DARK;
 
 /// Pixels that a core compares at a time.
 const PART: usize = 1 << 14;
